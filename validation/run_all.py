@@ -308,6 +308,8 @@ CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "compiled_scenes": Case("stability/compiled_runs.py", limits(("difference",)),
                             ("--count", "40", "--out", "{out}/compiled_scenes.json")),
+    "rubbing_scenes": Case("stability/rubbing_runs.py", limits(("difference",)),
+                           ("--count", "12", "--out", "{out}/rubbing_scenes.json")),
     "sensitivities": Case("stability/sensitivities.py", limits(("difference",)),
                           ("--count", "20", "--out", "{out}/sensitivities.json")),
     "random_scenes": Case("stability/random_scenes.py", limits(("unexplained",)),

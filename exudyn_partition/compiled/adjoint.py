@@ -80,7 +80,7 @@ class OneNumber:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Derivatives of k sums over samples of one value, which is linear in coordinates and velocities, see `Weights`.
+    """Derivatives of k sums over samples of one value, which follows from coordinates and velocities, see `Weights`.
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ class Sums:
         Zero.
     samples : (n, k) array
         Weight of the value at each sample in each sum.
-    q, v : (nq,) arrays
-        The value by coordinates and velocities.
+    q, v : (n, nq) arrays
+        The value by coordinates and velocities at each sample.
     """
 
     lam: sp.csr_matrix
@@ -107,7 +107,7 @@ class Sums:
     def of_block(self, block: slice) -> tuple[Array, Array]:
         """See `Weights.of_block`."""
         of_samples = self.samples[block][:, :, None]
-        return of_samples * self.q, of_samples * self.v
+        return of_samples * self.q[block][:, None], of_samples * self.v[block][:, None]
 
 
 @dataclass(frozen=True, eq=False)

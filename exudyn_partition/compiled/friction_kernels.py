@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba.experimental import structref
 
 from ..algebra.friction_kernels import (
     FrictionLimits,
@@ -20,74 +19,16 @@ from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, pushed_gap, slid
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
-from ..support.struct_kernels import StructType, define_struct
+from .rubbing_kernels import accept_rubbing, anchor_rubbing, push_rubbing, rub
 
 if TYPE_CHECKING:
-    from ..algebra.flat_friction import FlatFriction
-    from ..contact.linear_gaps import FlatRows
     from .friction_plan import Choosing
     from .loops import Peaks, Samples
+    from .moving_kernels import Moving
+    from .rough_kernels import Friction
 
 N_ROWS, N_CLOSED, STALE, STEPS, ITERATIONS = range(5)  # see `algebra.flat_friction`
 OPEN, STICK, SLIP = 0, 1, 2
-
-
-@structref.register
-class FrictionType(StructType):
-    """Type of `Friction` in compiled loops."""
-
-
-class Friction(structref.StructRefProxy):
-    """All contacts with friction of a run as one object: rows, memory and state, see `friction_plan`."""
-
-    rows: FlatRows
-    ways: Array
-    numbers: Array
-    tangents: Array
-    groups: Array
-    flexible: Array
-    F_starts: Array
-    frictional: Array
-    forces: Array
-    before: Array
-    slipped: Array
-    speed: Array
-    path: Array
-    dissipated: Array
-    coulomb: Array
-    gap: Array
-    pushed: Array
-    way: Array
-    lam: Array
-    status: Array
-    slips: Array
-    energy: Array
-    mu: Array
-    near: Array
-    chosen: Array
-    owner: Array
-    fresh: Array
-    h: Array
-    mu_near: Array
-    moved: Array
-    taken: Array
-    values: Array
-    friction: Array
-    stored: Array
-    iterations: Array
-    pool: FlatFriction
-    problem: FrictionObject
-    limits: FrictionLimits
-    choosing: Choosing
-
-
-define_struct(Friction, FrictionType, [*Friction.__annotations__])
-
-
-@compiled
-def friction_of(*fields: Any) -> Friction:
-    """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Friction(*fields)  # type: ignore[no-untyped-call]
 
 
 @inner
@@ -279,7 +220,9 @@ def count_iterations(f: Friction, g: int, count: int) -> None:
 
 
 @inner
-def solve_group(f: Friction, g: int, limits: FrictionLimits, choosing: Choosing) -> bool:
+def solve_group(
+    f: Friction, moving: Moving | None, g: int, q: Array, limits: FrictionLimits, choosing: Choosing
+) -> bool:
     """Find the forces of a group of contacts; whether they settle."""
     starts, first, last = f.rows.starts, f.groups[g], f.groups[g + 1]
     top, end, least, pushing = starts[first], starts[last], 0.0, False
@@ -290,6 +233,8 @@ def solve_group(f: Friction, g: int, limits: FrictionLimits, choosing: Choosing)
     if least >= 0.0 and not (several and pushing):
         open_rows(f, top, end)
         return True
+    if moving is not None:
+        anchor_rubbing(f, moving.rubs, moving.state, g, q)
     if several and pushing:
         push_others(f, g)
     if f.owner[0] != g:
@@ -356,21 +301,26 @@ def values_of_contact(f: Friction, j: int, force: Array) -> None:
 
 
 @compiled
-def find_friction(f: Friction, q: Array, q_from: Array, force: Array) -> bool:
+def find_friction(f: Friction, moving: Moving | None, q: Array, q_from: Array, force: Array) -> bool:
     """Add generalised forces at coordinates q, in a step from q_from; False if pairs slide or forces do not settle."""
     limits, choosing = f.limits, f.choosing
     if not places_of_rows(f, q, q_from):
         return False
+    if moving is not None:
+        if not rub(f, moving.rubs, moving.state, q):
+            return False
     for g in range(len(f.F_starts)):
-        if not solve_group(f, g, limits, choosing):
+        if not solve_group(f, moving, g, q, limits, choosing):
             return False
     for j in range(len(f.ways)):
         values_of_contact(f, j, force)
+    if moving is not None:
+        push_rubbing(f, moving.rubs, q, force)
     return True
 
 
 @compiled
-def accept_friction(f: Friction, step: float) -> None:
+def accept_friction(f: Friction, moving: Moving | None, step: float) -> None:
     """Take the answer as the end of a step [s], see `contact.memory.RowMemory.after`."""
     for i in range(len(f.gap)):
         slides = f.status[i] == SLIP
@@ -381,6 +331,8 @@ def accept_friction(f: Friction, step: float) -> None:
             f.before[i, a], f.forces[i, a] = f.forces[i, a], f.lam[i, a]
     for j in range(len(f.taken)):
         f.dissipated[j] += f.taken[j]
+    if moving is not None:
+        accept_rubbing(f, moving.rubs)
 
 
 @inner
@@ -412,4 +364,6 @@ def keep_friction(f: Friction, samples: Samples, place: int) -> None:
             samples.stored[place, j_0 + j] = f.stored[j]
         for i in range(len(f.lam)):
             samples.lam[place, i_0 + i], samples.status[place, i] = f.lam[i, 0], f.status[i]
-            samples.along[place, 2 * i], samples.along[place, 2 * i + 1] = f.lam[i, 1], f.lam[i, 2]
+            for a in range(3):
+                traction = f.lam[i, 1] * f.tangents[i, 0, a] + f.lam[i, 2] * f.tangents[i, 1, a]
+                samples.traction[place, 3 * i + a] = traction

@@ -1,4 +1,4 @@
-"""Contacts with friction and frozen pairs of an explicit run, as one frozen value of arrays, and what changes in a run.
+"""Contacts with friction of an explicit run, as one frozen value of arrays, and what changes in a run.
 
 Each group of contacts is one problem of friction, see `algebra.friction`: contacts that move each other, of which some
 have friction. Rows of contacts without friction have tangents too there, which nothing moves.
@@ -20,6 +20,7 @@ from ..algebra.friction import OPEN, SLIP, STICK
 from ..contact.formulations.compliance import CHOOSING, SHUT
 from ..contact.linear_gaps import FlatRows
 from ..support.arrays import Array
+from .rubbing import Rubbing
 
 N_FRICTION = 7  # values of each contact, as its sensor `sFriction` reads them
 _PASSES = 100  # in which rows that close in contacts on common bodies must settle
@@ -42,6 +43,8 @@ class FrictionMemory(NamedTuple):
         Speed of slip, and its path so far [m/s, m].
     dissipated : (nc,) array
         Energy that friction has taken so far in each contact [J].
+    tractions : (nr, 3) array
+        Of rows that follow the motion: tangential forces in the body's axes [N]. Those of `forces` follow from them.
     """
 
     forces: Array
@@ -50,12 +53,13 @@ class FrictionMemory(NamedTuple):
     speed: Array
     path: Array
     dissipated: Array
+    tractions: Array
 
     @classmethod
     def none(cls, nr: int, nc: int) -> FrictionMemory:
         """At the start of a run."""
         forces, slipped, speed = np.zeros((nr, 3)), np.zeros(nr, dtype=bool), np.zeros(nr)
-        return cls(forces, forces.copy(), slipped, speed, speed.copy(), np.zeros(nc))
+        return cls(forces, forces.copy(), slipped, speed, speed.copy(), np.zeros(nc), forces.copy())
 
     def copy(self) -> FrictionMemory:
         """The same in arrays of its own."""
@@ -91,6 +95,12 @@ class FlatFrictionRows(NamedTuple):
     flexible: Array
     F_starts: Array
     frictional: Array
+
+    def blocks(self) -> list[Array]:
+        """Flexibility of each group, (3 k, 3 k) [m/N], as views."""
+        sizes = [3 * int(n) for n in np.diff(self.rows.starts[self.groups])]
+        both = zip(self.F_starts.tolist(), sizes, strict=True)
+        return [self.flexible[start:][: n * n].reshape(n, n) for start, n in both]
 
 
 class FrictionState(NamedTuple):
@@ -203,6 +213,8 @@ class FrictionPlan:
     flexibilities : tuple of (3 k, 3 k) arrays
         Of all rows of each group [m/N].
     laws : tuple of Coulomb or None
+    rubbing : Rubbing, optional
+        Contacts whose rows follow the motion. In all else these have rows without coordinates, and no flexibility.
     """
 
     names: tuple[str, ...]
@@ -212,6 +224,7 @@ class FrictionPlan:
     groups: Array
     flexibilities: tuple[Array, ...]
     laws: tuple[Coulomb | None, ...]
+    rubbing: Rubbing | None = None
 
     @property
     def n_rows(self) -> int:
@@ -233,18 +246,21 @@ class FrictionPlan:
         laws = [law if mu is None else Coulomb(mu) for law, mu in zip(self.laws, changed, strict=True)]
         return replace(self, laws=tuple(laws))
 
-    def softened(self, flexibilities: Sequence[Array]) -> FrictionPlan:
-        """The same contacts with other flexibilities of each group."""
-        return replace(self, flexibilities=tuple(flexibilities))
+    def softened(self, flexibilities: Sequence[Array], rubbing: Rubbing | None) -> FrictionPlan:
+        """The same contacts with other flexibilities of each group, and of rows that follow the motion."""
+        return replace(self, flexibilities=tuple(flexibilities), rubbing=rubbing)
 
     def flat(self) -> FlatFrictionRows:
-        """The same in flat arrays, but coefficients."""
+        """The same in flat arrays, but coefficients; what moving rows write to is that of one run."""
         ways, flexibilities = [np.ascontiguousarray(T.T).ravel() for T in self.ways], self.flexibilities
         begins = [np.cumsum([0, *(part.size for part in parts)])[:-1] for parts in (ways, flexibilities)]
         F = np.concatenate([np.empty(0), *(block.ravel() for block in flexibilities)])
         numbers = np.concatenate([np.empty(0), *ways])
         frictional = np.array([law is not None for law in self.laws])
-        return FlatFrictionRows(self.rows, begins[0], numbers, self.tangents, self.groups, F, begins[1], frictional)
+        rows, tangents = self.rows, self.tangents
+        if self.rubbing is not None:
+            rows, tangents = rows._replace(numbers=rows.numbers.copy()), tangents.copy()
+        return FlatFrictionRows(rows, begins[0], numbers, tangents, self.groups, F, begins[1], frictional)
 
     def state(self, values: Array, stored: Array) -> FrictionState:
         """Room for what changes; values of `sForce`, (nc, 6), and energies, (nc,), are written to given arrays."""

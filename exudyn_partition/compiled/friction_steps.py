@@ -12,7 +12,8 @@ from ..algebra.friction import OPEN, SLIP, STICK, FrictionProblem
 from ..contact.loops import choose_rows, close_pushed
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from .friction_plan import CHOICES, FrictionPlan, FrictionState
+from .friction_plan import CHOICES, FlatFrictionRows, FrictionPlan, FrictionState
+from .plain_rubbing import PlainRubbing
 
 
 class _Part(NamedTuple):
@@ -31,10 +32,15 @@ class FrictionSteps:
     Parameters
     ----------
     plan : FrictionPlan
+    flat : FlatFrictionRows
+        Its rows in this run.
+    rubbing : PlainRubbing or None
+        Those of its contacts whose rows follow the motion.
     """
 
-    def __init__(self, plan: FrictionPlan) -> None:
-        self._plan, rows, self._parts = plan, plan.rows, list[_Part]()
+    def __init__(self, plan: FrictionPlan, flat: FlatFrictionRows, rubbing: PlainRubbing | None) -> None:
+        self._plan, rows, self._parts = plan, flat.rows, list[_Part]()
+        self._flexibilities, self._tangents, self._rubbing = flat.blocks(), flat.tangents, rubbing
         for j, T in enumerate(plan.ways):
             some, dofs = slice(*rows.starts[j : j + 2]), rows.dofs[slice(*rows.places[j : j + 2])]
             n, nr = len(dofs), some.stop - some.start
@@ -51,22 +57,28 @@ class FrictionSteps:
             If forces do not settle.
         """
         self._place(s, q, q_from)
-        for group in range(len(self._plan.flexibilities)):
-            self._solve(s, group)
+        for group in range(len(self._flexibilities)):
+            self._solve(s, group, q)
         for j in range(len(self._parts)):
             self._values(s, j, force)
+        if self._rubbing is not None:
+            self._rubbing.push(s, q, force)
 
     def recall(self, s: FrictionState, q: Array, force: Array) -> None:
         """Add the forces that a state begins with, at its coordinates q, (nq,), and set values of sensors."""
         self._place(s, q, q)
-        s.slips[:] = 0.0
-        for group, F in enumerate(self._plan.flexibilities):
+        s.slips[:], s.lam[:] = 0.0, s.memory.forces
+        for group, F in enumerate(self._flexibilities):
             rows = self._plan.rows_of(group)
+            if self._rubbing is not None:
+                self._rubbing.anchor(s, group, q)
             lam = s.lam[rows].ravel()
             s.energy[rows] = 0.5 * (lam * (F @ lam)).reshape(-1, 3).sum(axis=1)
             s.pushed[rows] = self._pushed(s, group, F)
         for j in range(len(self._parts)):
             self._values(s, j, force)
+        if self._rubbing is not None:
+            self._rubbing.push(s, q, force)
 
     def _place(self, s: FrictionState, q: Array, q_from: Array) -> None:
         """Set gaps, ways and coefficients."""
@@ -76,6 +88,8 @@ class FrictionSteps:
             s.gap[rows] = s.pushed[rows] = start[rows] + q[dofs] @ part.H
             s.way[rows] = ((q[dofs] - q_from[dofs]) @ part.along).reshape(-1, 2)
             s.mu[rows] = 0.0 if law is None else coefficients(law, memory.slipped[rows], memory.speed[rows])
+        if self._rubbing is not None:
+            self._rubbing.rub(s, q)
 
     def _pushed(self, s: FrictionState, group: int, F: Array) -> Array:
         """Gaps with the displacements that forces on other contacts cause, (k,) [m]."""
@@ -89,14 +103,16 @@ class FrictionSteps:
                 pushed[in_group] += (F[::3][in_group] @ others.ravel()).ravel()
         return pushed
 
-    def _solve(self, s: FrictionState, group: int) -> None:
+    def _solve(self, s: FrictionState, group: int, q: Array) -> None:
         """Find the forces of a group."""
-        rows, F, contacts = self._plan.rows_of(group), self._plan.flexibilities[group], self._plan.contacts_of(group)
+        rows, F, contacts = self._plan.rows_of(group), self._flexibilities[group], self._plan.contacts_of(group)
         several, last = len(contacts) > 1, s.memory.forces[rows]
         pushing = several and (s.lam[rows].any() or last.any())
         if s.gap[rows].min(initial=0.0) >= 0.0 and not pushing:
             self._answer(s, rows, np.empty(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.empty(0))
             return
+        if self._rubbing is not None:
+            self._rubbing.anchor(s, group, q)
         if pushing:
             s.pushed[rows] = self._pushed(s, group, F)
         for number in range(CHOICES[6]):
@@ -125,7 +141,7 @@ class FrictionSteps:
 
     def _solve_near(self, s: FrictionState, group: int) -> None:
         """Find the forces on the rows that can close."""
-        rows, F_all, first = self._plan.rows_of(group), self._plan.flexibilities[group], self._plan.rows_of(group).start
+        rows, F_all, first = self._plan.rows_of(group), self._flexibilities[group], self._plan.rows_of(group).start
         near = np.flatnonzero(s.near[rows])
         some = (3 * near[:, None] + np.arange(3)).ravel()
         F, last, before = F_all[np.ix_(some, some)], s.memory.forces[rows][near], s.memory.before[rows][near]
@@ -165,7 +181,7 @@ class FrictionSteps:
         rows = part.rows
         lam, status = s.lam[rows], s.status[rows]
         closed = bool((status != OPEN).any())
-        pulls = np.einsum("rk,rkd->d", lam[:, 1:], self._plan.tangents[rows])
+        pulls = np.einsum("rk,rkd->d", lam[:, 1:], self._tangents[rows])
         s.values[j] = [
             lam[:, 0].sum(), np.count_nonzero(status), *(lam[:, 0] @ part.normals + pulls),
             s.pushed[rows].min(initial=np.inf),
@@ -177,8 +193,7 @@ class FrictionSteps:
         s.friction[j] = [*pulls, *counts, s.memory.dissipated[j] + s.taken[j], s.stored[j]]
         force[part.dofs] += part.H @ lam[:, 0] + part.along @ lam[:, 1:].ravel()
 
-    @staticmethod
-    def accept(s: FrictionState, step: float) -> None:
+    def accept(self, s: FrictionState, step: float) -> None:
         """Take the answer as the end of a step [s], see `contact.memory.RowMemory.after`."""
         memory, slides = s.memory, s.status == SLIP
         way = np.where(slides, np.hypot(*s.slips.T), 0.0)
@@ -186,3 +201,5 @@ class FrictionSteps:
         memory.slipped[:], memory.speed[:] = slides, way / step
         memory.path[:] += way
         memory.dissipated[:] += s.taken
+        if self._rubbing is not None:
+            self._rubbing.accept(s)

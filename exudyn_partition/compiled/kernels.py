@@ -9,6 +9,7 @@ from ..support.arrays import Array
 from ..support.compiled import called, inlined, unlocked
 from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
 from .moving_kernels import (
+    act_on_masses,
     add_inertia,
     count_steps,
     evaluate_moving,
@@ -19,10 +20,10 @@ from .moving_kernels import (
 )
 
 if TYPE_CHECKING:
-    from .friction_kernels import Friction
     from .loops import Peaks, Samples
     from .moving_kernels import Moving
     from .plan import Bodies, Motion
+    from .rough_kernels import Friction
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 
@@ -105,10 +106,11 @@ def advance(
         if pushing < 0:
             return step
         if friction is not None:
-            if not find_rough(friction, m.q, m.q_start, m.force):
+            if not find_rough(friction, moving, m.q, m.q_start, m.force):
                 return step
-            accept_friction(friction, h)
+            accept_friction(friction, moving, h)
         if moving is not None:
+            act_on_masses(moving.frames, m.q, m.force)
             count_steps(moving.pairs)
         accelerate(bodies, moving, m, 0.5 * h)
         for k in range(n):
@@ -120,7 +122,7 @@ def advance(
             keep(contacts, m, samples, step // between - 1)
             if moving is not None:
                 watch_edges(contacts, moving.pairs, moving.state, m.q)
-                keep_fresh(moving.state, samples.fresh[step // between - 1])
+                keep_fresh(moving.state, moving.rubs, samples.fresh[step // between - 1])
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
     return count + 1

@@ -22,11 +22,13 @@ from ..support.compiled import kernels
 from .frames_back import FramesBack, back_over_inertia, turn_back
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
-from .moving import Anchors, MovingPlan
+from .moving import Anchors, Following, MovingPlan, MovingState
 from .pair_rows import FOLLOWING, PairRows
-from .plain_moving import PlainMoving
+from .plain_moving import PlainBody, PlainMoving
+from .plain_rubbing import PlainRubbing
 from .plan import Bodies, FrozenPlan, Motion, StepPlan
 from .rows_back import RowsBack, back_over_rows
+from .rubbing import Rubbing, RubbingState
 from .start import Start
 from .surfaces_back import SurfaceRows
 
@@ -65,10 +67,10 @@ class Samples(NamedTuple):
         Normal forces on all rows [N].
     friction : (n, nf, 7) array
         Of each contact with friction, see `contact_run.ContactRun.friction_values`.
-    along, status : (n, 2 k), (n, k) arrays
-        Tangential forces on the rows of these contacts [N], and whether they stick or slip.
+    traction, status : (n, 3 k), (n, k) arrays
+        Tangential forces in space on the rows of these contacts [N], and whether they stick or slip.
     fresh : (n, ns) bool array
-        Whether moving contacts have found another anchor since the sample before.
+        Whether moving contacts have found another flexibility since the sample before; those with friction come last.
     """
 
     q: Array
@@ -78,7 +80,7 @@ class Samples(NamedTuple):
     stored: Array
     lam: Array
     friction: Array
-    along: Array
+    traction: Array
     status: Array
     fresh: Array
 
@@ -88,8 +90,9 @@ class Samples(NamedTuple):
         contacts, friction, nq = plan.contacts, plan.contacts.friction, len(plan.bodies.mass)
         nc, nr, (q, v, a), kept = len(contacts.all_names), contacts.n_rows, np.empty((3, n * motion, nq)), n * rows
         nf, k = (0, 0) if friction is None else (len(friction.names), friction.n_rows)
-        of_friction = np.empty((n, nf, N_FRICTION)), np.empty((kept, 2 * k)), np.empty((kept, k), dtype=np.int8)
-        fresh = np.zeros((n, 0 if contacts.moving is None else len(contacts.moving.contact)), dtype=bool)
+        of_friction = np.empty((n, nf, N_FRICTION)), np.empty((kept, 3 * k)), np.empty((kept, k), dtype=np.int8)
+        moving = contacts.moving
+        fresh = np.zeros((n, 0 if moving is None else len(moving.contact) + len(moving.rubbing)), dtype=bool)
         values, stored, lam = np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr))
         return cls(q, v, a, values, stored, lam, *of_friction, fresh)
 
@@ -165,6 +168,49 @@ class ContactParts(NamedTuple):
         return bool(not abs(self.drift @ q[self.dofs] - self.drift_start).max(initial=0.0) <= self.reach)
 
 
+class RubbingSteps:
+    """Contacts with friction whose rows follow the motion on rigid surfaces, in a run.
+
+    Parameters
+    ----------
+    plan : Rubbing
+    flat : FlatFrictionRows
+        Of this run.
+    n : int
+        Number of coordinates.
+    """
+
+    def __init__(self, plan: Rubbing, flat: FlatFrictionRows, n: int) -> None:
+        self._plan, self._flat = plan, flat
+        self.state = RubbingState.of(plan, len(flat.tangents), n)
+        self._sides: Any = ()  # which loops find by their addresses
+
+    def for_loops(self, contacts: Sequence[Following]) -> Any:
+        """The contacts as compiled loops take them."""
+        moving, found = kernels("compiled", "moving_kernels"), kernels("compiled", "rubbing_kernels")
+        assert found is not None, "asked for what is only done at once"
+        assert moving is not None, "asked for what is only done at once"
+        self._sides = moving.rigid_sides(contacts)
+        return found.rubs_of(self._plan, self.state, self._sides)
+
+    def plain(self, moving: MovingState, bodies: Sequence[PlainBody]) -> PlainRubbing:
+        """The contacts by NumPy."""
+        return PlainRubbing(self._plan, self.state, self._flat, moving, bodies)
+
+    def take_anchors(self, anchors: Anchors | None) -> None:
+        """Have the anchors of a state; None are none."""
+        state = self.state
+        state.anchored[:], state.fresh[:], state.found_axis[:] = False, False, -1
+        if anchors is not None:
+            state.anchored[:], state.anchors[:] = anchors.anchored, anchors.q
+            state.along[:], state.growing[:] = anchors.along, anchors.growing
+
+    def anchors(self) -> Anchors:
+        """Present anchors."""
+        state = self.state
+        return Anchors(*(part.copy() for part in (state.anchored, state.anchors, state.along, state.growing)))
+
+
 class MovingSteps:
     """Bodies in floating frames and moving contacts in a run.
 
@@ -175,10 +221,12 @@ class MovingSteps:
         Of the run.
     n : int
         Number of coordinates.
+    rubbing : RubbingSteps or None
+        Those of them with friction on rigid surfaces.
     """
 
-    def __init__(self, plan: MovingPlan, blocks: FlatBlocks, n: int) -> None:
-        self._plan, self._blocks = plan, blocks
+    def __init__(self, plan: MovingPlan, blocks: FlatBlocks, n: int, rubbing: RubbingSteps | None) -> None:
+        self._plan, self._blocks, self._rubbing = plan, blocks, rubbing
         self._state, self._step = plan.state(int(blocks.starts[-1]), n), 0.0
         self._turning: Array | None = None  # at the start, until a step is made
         first, self._loops = len(plan.surfaces.contact), kernels("compiled", "pair_kernels") if plan.pairs else None
@@ -196,8 +244,9 @@ class MovingSteps:
             assert self._loops is not None
             first = len(self._plan.surfaces.contact)
             pairs = self._loops.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
-        self._sides = found.rigid_sides(self._plan)
-        return found.moving_of(self._plan, self._state, self._sides, pairs)
+        self._sides = found.rigid_sides(self._plan.rigid)
+        rubs = None if self._rubbing is None else self._rubbing.for_loops(self._plan.rubbing)
+        return found.moving_of(self._plan, self._state, self._sides, pairs, rubs)
 
     @cached_property
     def plain(self) -> PlainMoving:
@@ -211,10 +260,23 @@ class MovingSteps:
         self._hold(number)
 
     def stand(self, m: Motion, v: Array, h: Array) -> None:
-        """Let contacts of two bodies be where the motion is; the next evaluation is elsewhere."""
+        """Let contacts of two bodies, and those that rub, be where the motion is; the next evaluation is elsewhere."""
         for number, pair in enumerate(self._pairs):
             pair.gaps_at(m.q, m.q, v, h)
             self._hold(number)
+        self.stand_rubbing(m, v)
+
+    def stand_rubbing(self, m: Motion, v: Array) -> None:
+        """Let contacts with friction slide from where the motion is."""
+        if (rubbing := self.plain_rubbing) is not None:
+            for body in self.plain.bodies:
+                body.grow(self._state, v)
+            rubbing.stand(m.q)
+
+    @cached_property
+    def plain_rubbing(self) -> PlainRubbing | None:
+        """Contacts with friction by NumPy."""
+        return None if self._rubbing is None else self._rubbing.plain(self._state, self.plain.bodies)
 
     def _hold(self, number: int) -> None:
         """Let loops find the present rows of a contact of two bodies."""
@@ -250,7 +312,10 @@ class MovingSteps:
 
     def keep_fresh(self, fresh: Array) -> None:
         """See `moving_kernels.keep_fresh`."""
-        fresh[:], self._state.fresh[:] = self._state.fresh, False
+        n, state = len(self._state.fresh), self._state
+        fresh[:n], state.fresh[:] = state.fresh, False
+        if self._rubbing is not None:
+            fresh[n:], self._rubbing.state.fresh[:] = self._rubbing.state.fresh, False
 
     @property
     def left(self) -> dict[int, Array]:
@@ -274,6 +339,8 @@ class MovingSteps:
             first = len(anchors.anchored)
             state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
             state.along[:], state.growing[:first] = anchors.along, anchors.growing
+        if self._rubbing is not None:
+            self._rubbing.take_anchors(start.rubbing)
         for number, pair in enumerate(self._pairs):
             pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
             self._hold(number)
@@ -291,6 +358,10 @@ class MovingSteps:
         state, n = self._state, len(self._plan.surfaces.contact)
         kept = state.anchored[:n], state.anchors[:n], state.along, state.growing[:n]
         return Anchors(*(values.copy() for values in kept))
+
+    def anchors_of_rubbing(self) -> Anchors | None:
+        """The same of contacts with friction."""
+        return None if self._rubbing is None else self._rubbing.anchors()
 
     def pairs(self, q: Array) -> tuple[GapState, ...]:
         """States of contacts of two bodies at coordinates q, (nq,)."""
@@ -323,6 +394,8 @@ class Stepper:
 
     _plan: StepPlan
     _joint: BlockComplementarity | None
+    _rough: FlatFrictionRows  # of contacts with friction
+    _plain_friction: FrictionSteps | None
 
     def __init__(self, contacts: FrozenPlan, n: int) -> None:
         self.contacts, self._kernels, nc = contacts, kernels("compiled"), len(contacts.names)
@@ -335,14 +408,18 @@ class Stepper:
         if self._kernels:
             of_frozen = self.values[:nc], self.stored[:nc]
             self._flat = flat_contacts(contacts.rows, self._blocks, self._h, *of_frozen)
-        self._moving = None if contacts.moving is None else MovingSteps(contacts.moving, self._blocks, n)
         self._friction: FrictionState | None = None
         self._loop: Any = None  # the same, as compiled loops take it
+        rubbing = None
         if contacts.friction is not None:
             self._friction = contacts.friction.state(self.values[nc:], self.stored[nc:])
+            self._rough = contacts.friction.flat()
             if self._kernels:
-                self._loop = friction_of(contacts.friction.flat(), self._friction)
+                self._loop = friction_of(self._rough, self._friction)
             self._friction_parts = [ContactParts.of(contacts.friction, j) for j in range(count - nc)]
+            if contacts.friction.rubbing is not None:
+                rubbing = RubbingSteps(contacts.friction.rubbing, self._rough, n)
+        self._moving = None if contacts.moving is None else MovingSteps(contacts.moving, self._blocks, n, rubbing)
 
     @property
     def iterations(self) -> int:
@@ -365,7 +442,7 @@ class Stepper:
 
         With accelerations and a memory of rows with friction, that memory has the forces that the plan begins with.
         """
-        self._plan, self._joint, m = plan, None, self.motion
+        self._plan, self._joint, self._plain_friction, m = plan, None, None, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
         self.peaks.force[:] = 0.0
@@ -379,8 +456,12 @@ class Stepper:
         if why := self._find_at_once(turning, place=True):
             return why
         known = start.a is not None and start.friction is not None
+        if self._moving is not None:
+            self._moving.stand_rubbing(m, turning)
         if self._friction is not None and (why := self._begin_friction(known=known)):
             return why
+        if self._moving is not None:
+            self._moving.plain.act(m.q, m.force)
         if start.a is None:
             self._accelerate(0.0)
         else:
@@ -433,14 +514,18 @@ class Stepper:
             assert friction is not None
             self._plain().recall(friction, m.q, m.force)
             return None
-        if self._kernels is not None and self._kernels.find_friction(self._loop, m.q, m.q_start, m.force):
+        moving = None if self._moving is None or not self._kernels else self._moving.for_loops
+        if self._kernels is not None and self._kernels.find_friction(self._loop, moving, m.q, m.q_start, m.force):
             return None
         return self._find_friction()
 
     def _plain(self) -> FrictionSteps:
         """Contacts with friction by NumPy."""
-        assert self._plan.contacts.friction is not None
-        return FrictionSteps(self._plan.contacts.friction)
+        if self._plain_friction is None:
+            assert self._plan.contacts.friction is not None
+            rubbing = None if self._moving is None else self._moving.plain_rubbing
+            self._plain_friction = FrictionSteps(self._plan.contacts.friction, self._rough, rubbing)
+        return self._plain_friction
 
     def state(self) -> Start:
         """Present state, in arrays of its own."""
@@ -451,6 +536,7 @@ class Stepper:
             turning=None if moving is None else moving.turning(m).copy(),
             anchors=None if moving is None else moving.anchors(),
             pairs=None if moving is None else moving.pairs(m.q),
+            rubbing=None if moving is None else moving.anchors_of_rubbing(),
         )  # fmt: skip
 
     def go_back(self, state: Start) -> None:
@@ -501,8 +587,9 @@ class Stepper:
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
             if self._friction is not None:
-                FrictionSteps.accept(self._friction, h)
+                self._plain().accept(self._friction, h)
             if self._moving is not None:
+                self._moving.plain.act(m.q, m.force)
                 self._moving.count_step()
             self._accelerate(0.5 * h)
             m.v[:] += 0.5 * h * m.a
@@ -613,12 +700,13 @@ class Stepper:
             s = self._friction
             samples.friction[place] = s.friction
             if len(samples.stored):
-                samples.along[place], samples.status[place] = s.lam[:, 1:].ravel(), s.status
+                traction = np.einsum("rk,rkd->rd", s.lam[:, 1:], self._rough.tangents)
+                samples.traction[place], samples.status[place] = traction.ravel(), s.status
 
 
 def friction_of(rows: FlatFrictionRows, state: FrictionState) -> Any:
     """All contacts with friction as compiled loops take them."""
-    found, problem = kernels("compiled", "friction_kernels"), friction_object(state.pool)
+    found, problem = kernels("compiled", "rough_kernels"), friction_object(state.pool)
     assert found is not None, "asked for what is only done at once"
     return found.friction_of(*rows, *state.memory, *state[1:], problem, FRICTION_LIMITS, CHOICES)
 

@@ -233,10 +233,11 @@ class MadeRun:
     @cached_property
     def forces(self) -> sp.csr_matrix:
         """Forces along all directions, (n, d) [N]."""
-        lam, along = self.histories.lam, self.histories.along
+        lam, friction = self.histories.lam, self.plan.contacts.friction
         assert lam is not None
-        if not self.laws:
+        if friction is None:
             return lam
+        along = self.histories.traction @ sp.block_diag(friction.tangents.swapaxes(1, 2), format="csr")
         joined, tangents = sp.hstack([lam, along], format="csr"), np.setdiff1d(np.arange(len(self.B)), self.normals)
         places = np.concatenate([self.normals, tangents])
         return sp.csr_matrix((joined.data, places[joined.indices], joined.indptr), joined.shape)

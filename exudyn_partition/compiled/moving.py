@@ -124,6 +124,15 @@ class Surfaces(NamedTuple):
     columns: Array
     axes: Array
 
+    def softened(self, shares: Sequence[float]) -> Surfaces:
+        """The same if shares of the flexibilities of the bodies yield, by these contacts."""
+        numbers, places, end = [self.numbers], self.flexibility.copy(), len(self.numbers)
+        for s, share in enumerate(shares):
+            size = int(self.sizes[s, D] * self.sizes[s, K]) ** 2
+            numbers.append(share * self.numbers[places[s] :][:size])
+            places[s], end = end, end + size
+        return self._replace(numbers=np.concatenate(numbers), flexibility=places)
+
 
 class MovingState(NamedTuple):
     """What changes of moving contacts in a run; loops write to it.
@@ -247,6 +256,23 @@ class Following(NamedTuple):
     fields: tuple[Array, ...]
 
 
+class Moves(NamedTuple):
+    """Contacts whose rows follow the motion.
+
+    Parameters
+    ----------
+    rigid, pairs : list of Following
+        Those with rigid surfaces, and of two bodies.
+    rubbing : list of Following
+        Those with rigid surfaces that have friction, or that such a contact moves. Their numbers are those among the
+        contacts with friction, see `FrictionPlan`.
+    """
+
+    rigid: list[Following]
+    pairs: list[Following]
+    rubbing: list[Following]
+
+
 @dataclass(frozen=True, eq=False)
 class MovingPlan:
     """What moves in a plan besides frozen pairs of bodies in inertial frames.
@@ -259,6 +285,8 @@ class MovingPlan:
         Contacts with rigid surfaces, those of `surfaces`, and of two bodies.
     bounds : (float, float, float)
         `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
+    rubbing : tuple of Following
+        Contacts with friction, and those that they move, on rigid surfaces, see `rubbing`. The state is not theirs.
     """
 
     frames: Frames
@@ -266,6 +294,7 @@ class MovingPlan:
     rigid: tuple[Following, ...]
     pairs: tuple[Following, ...]
     bounds: tuple[float, float, float]
+    rubbing: tuple[Following, ...] = ()
 
     @property
     def contact(self) -> Array:
@@ -288,13 +317,7 @@ class MovingPlan:
 
     def softened(self, shares: Sequence[float]) -> MovingPlan:
         """The same if shares of the flexibilities of the bodies on rigid surfaces yield, by these contacts."""
-        surfaces, end = self.surfaces, len(self.surfaces.numbers)
-        numbers, places = [surfaces.numbers], surfaces.flexibility.copy()
-        for s, share in enumerate(shares):
-            size = int(surfaces.sizes[s, D] * surfaces.sizes[s, K]) ** 2
-            numbers.append(share * surfaces.numbers[places[s] :][:size])
-            places[s], end = end, end + size
-        return replace(self, surfaces=surfaces._replace(numbers=np.concatenate(numbers), flexibility=places))
+        return replace(self, surfaces=self.surfaces.softened(shares))
 
     def with_room(self, blocks: FlatBlocks) -> FlatBlocks:
         """Return blocks in which each moving contact has matrices of its own, for they change in a run."""

@@ -46,8 +46,9 @@ from .pair_kernels import (
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
-    from .moving import Frames, MovingPlan, MovingState, Surfaces
+    from .moving import Following, Frames, MovingPlan, MovingState, Surfaces
     from .plan import Bodies, Motion
+    from .rough_kernels import Rubs
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 Bounds = tuple[float, float, float]  # see `MovingPlan`
@@ -152,25 +153,28 @@ class Moving(NamedTuple):
     frames: Frames
     surfaces: Surfaces | None
     pairs: Pairs | None
+    rubs: Rubs | None
     state: MovingState
     bounds: Bounds
 
 
-def rigid_sides(plan: MovingPlan) -> list[RigidSide]:
-    """The sides of the contacts with rigid surfaces of a run; hold them as long as loops use `moving_of`."""
+def rigid_sides(contacts: Sequence[Following]) -> list[RigidSide]:
+    """The sides of contacts with rigid surfaces of a run; hold them as long as loops use `moving_of`."""
     found = []
-    for one in plan.rigid:
+    for one in contacts:
         side, rows = one.gaps.slave, one.gaps.stage.rows
         found.append(rigid_side(rows.flat, side.flat, np.empty(side.surface.points.shape)))
         assert found[-1]._numba_type_ == found[0]._numba_type_, "loops would read others as the first one"
     return found
 
 
-def moving_of(plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None) -> Moving:
+def moving_of(
+    plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None, rubs: Rubs | None
+) -> Moving:
     """What moves in a run of a plan; loops write to the state's arrays."""
     addresses = np.array([address(side) for side in sides], dtype=np.int64)
     surfaces = flat_surfaces((*plan.surfaces, addresses, sides[0])) if sides else None
-    return Moving(flat_frames(plan.frames), surfaces, pairs, flat_state(state), plan.bounds)
+    return Moving(flat_frames(plan.frames), surfaces, pairs, rubs, flat_state(state), plan.bounds)
 
 
 @inlined
@@ -492,11 +496,12 @@ def forces_of_pairs(contacts: FlatContacts, pairs: Pairs | None, q: Array, force
 
 @compiled
 def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, force: Array, limits: Limits) -> int:
-    """Find forces of all contacts at coordinates, with bodies that grow as they turn at velocities.
+    """Find forces of contacts without friction at coordinates, with bodies that grow as they turn at velocities.
 
-    Return how many contacts push, or -1 if pairs slide, other rows must be found, or none settle.
+    They act on the true masses, see `act_on_masses`. Return how many contacts push, or -1 if pairs slide, other rows
+    must be found, or none settle.
     """
-    rows, blocks, h, (frames, surfaces, pairs, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
+    rows, blocks, h, (frames, surfaces, pairs, _, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
     turn_frames(frames, state, v)
     state.lost[0] = -1
     if not gaps_of_frozen(rows, q, h):
@@ -511,7 +516,6 @@ def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, 
     pushing = forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)
     forces_of_surfaces(contacts, surfaces, state, q, force)
     forces_of_pairs(contacts, pairs, q, force)
-    act_on_masses(frames, q, force)
     return pushing
 
 
@@ -526,10 +530,14 @@ def count_steps(pairs: Pairs | None) -> None:
 
 
 @inner
-def keep_fresh(state: MovingState, fresh: Array) -> None:
-    """Keep which contacts have found another anchor since the last sample, (ns,)."""
-    for s in range(len(fresh)):
+def keep_fresh(state: MovingState, rubs: Rubs | None, fresh: Array) -> None:
+    """Keep which contacts have found another anchor since the last sample, (ns,); those with friction come last."""
+    n = len(state.fresh)
+    for s in range(n):
         fresh[s], state.fresh[s] = state.fresh[s], False
+    if rubs is not None:
+        for s in range(len(rubs.fresh)):
+            fresh[n + s], rubs.fresh[s] = rubs.fresh[s], False
 
 
 @inner

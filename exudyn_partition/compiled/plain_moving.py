@@ -125,6 +125,11 @@ class PlainSurface:
 
     def gaps(self, state: MovingState, q: Array) -> Array:
         """Gaps of its rows, (nr,) [m]; sets the normals at its points."""
+        gap, _, state.normals[self.points] = self.placed(state, q)
+        return gap
+
+    def placed(self, state: MovingState, q: Array) -> tuple[Array, Array, Array]:
+        """Gaps of its rows, (nr,) [m], places of its points and normals there, (p, 3) [m]."""
         q_s, start, arms = q[self.dofs], self.start, self.arms
         if self.body is None:
             x = loops.moved_places(start, self.rows_on_nodes, q_s)
@@ -134,25 +139,30 @@ class PlainSurface:
                 start, arms = start + grown @ self._axes.T, arms + grown
             x = loops.places(q_s, start, self.body.rotation, self.body.node_axes, arms, self.rows_on_nodes)
         kind, point, axis, radius, sign = self.surface
-        arm = self.on_points @ x - point
+        on_points = self.on_points @ x
+        arm = on_points - point
         along = arm @ axis
         if kind == 0:
-            gap, state.normals[self.points] = along, axis
+            gap, normals = along, np.tile(axis, (len(arm), 1))
         else:
             arm = arm - along[:, None] * axis
             distance = np.sqrt(np.einsum("pa,pa->p", arm, arm))
             gap = sign * (distance - radius)
-            state.normals[self.points] = sign * arm / np.maximum(distance, 1e-300)[:, None]
-        return np.asarray(self.mean @ gap)
+            normals = sign * arm / np.maximum(distance, 1e-300)[:, None]
+        return np.asarray(self.mean @ gap), on_points, normals
+
+    def body_axes(self, q: Array) -> Array:
+        """Axes of its body in space, as columns, (3, 3)."""
+        if self.body is None:
+            return np.eye(3)
+        return np.asarray(rotation_matrix(self.body.rotation + q[self.dofs[3:6]]) @ self.body.node_axes.T)
 
     def anchor(self, blocks: FlatBlocks, state: MovingState, q: Array, same: float) -> bool:
         """See `anchor_surface`."""
         s, here = self.s, state.normals[self.points]
         far = not state.anchored[s]
         if self.d > 1:
-            if self.body is not None:
-                turned = rotation_matrix(self.body.rotation + q[self.dofs[3:6]])
-                here = here @ turned @ self.body.node_axes.T
+            here = here @ self.body_axes(q)
             far = far or not abs(here - state.along[self.points]).max() <= same
         if far:
             state.anchored[s], state.fresh[s], state.found[s], state.anchors[s] = True, True, False, q
@@ -199,6 +209,10 @@ class PlainSurface:
         """See `forces_of_surface`."""
         pushes = (self.mean.T @ lam)[:, None] * state.normals[self.points]
         values[2:5] = pushes.sum(axis=0)
+        self.act(q, pushes, force)
+
+    def act(self, q: Array, pushes: Array, force: Array) -> None:
+        """Add the generalised forces of forces on its points, (p, 3) [N]."""
         on_nodes = np.ascontiguousarray(self.on_points.T @ pushes)
         if self.body is None:
             force[self.dofs] += loops.on_shapes(self.rows_on_nodes, on_nodes)
@@ -353,6 +367,9 @@ class PlainMoving:
         """Add generalised forces, (nq,), of moving contacts, and set their resultants in values, (nc, 6)."""
         for surface in self.surfaces:
             surface.push(self._state, q, lam[surface.rows(self._blocks)], force, values[surface.contact])
+
+    def act(self, q: Array, force: Array) -> None:
+        """Replace forces of contacts, (nq,), by those on the constant masses."""
         for body in self.bodies:
             body.act(q, force)
 

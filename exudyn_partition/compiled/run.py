@@ -51,7 +51,7 @@ class Histories:
         Normal forces on all rows [N]; None if they were not asked for.
     friction : (n, nf, 7) array
         Samples of each contact with friction, see `loops.Samples`.
-    along, status : (n, 2 k), (n, k) csr matrices or None
+    traction, status : (n, 3 k), (n, k) csr matrices or None
         Tangential forces on the rows of these contacts, and states, see there; None if they were not asked for.
     fresh : (n, ns) bool array
         See `loops.Samples`.
@@ -81,7 +81,7 @@ class Histories:
     stored: Array
     lam: sp.csr_matrix | None
     friction: Array
-    along: sp.csr_matrix | None
+    traction: sp.csr_matrix | None
     status: sp.csr_matrix | None
     fresh: Array
     start: Start
@@ -143,10 +143,10 @@ def run(
 
 def without_start(made: Histories) -> Histories:
     """Return a run without the sample of its start, for it goes on from another one."""
-    lam, along, status = (None if part is None else part[1:] for part in (made.lam, made.along, made.status))
+    lam, traction, status = (None if part is None else part[1:] for part in (made.lam, made.traction, made.status))
     return replace(
         made, q=made.q[1:], v=made.v[1:], a=made.a[1:], values=made.values[1:], stored=made.stored[1:],
-        friction=made.friction[1:], lam=lam, along=along, status=status, fresh=made.fresh[1:],
+        friction=made.friction[1:], lam=lam, traction=traction, status=status, fresh=made.fresh[1:],
     )  # fmt: skip
 
 
@@ -157,8 +157,8 @@ def joined(first: Histories, later: Histories) -> Histories:
         np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
     )
     return replace(
-        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None, along=None,
-        status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
+        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None,
+        traction=None, status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
         iterations=first.iterations + later.iterations,
     )  # fmt: skip
 
@@ -189,9 +189,9 @@ class Record:
     def add(self, samples: Samples, n: int) -> None:
         """Add the first n samples."""
         some, none = Samples(*(part[:n] for part in samples)), np.empty((0, 0))
-        self._kept.append(some._replace(lam=none, along=none, status=none))
+        self._kept.append(some._replace(lam=none, traction=none, status=none))
         if self._rows:
-            for kept, of_rows in zip(self._on_rows, (some.lam, some.along, some.status), strict=True):
+            for kept, of_rows in zip(self._on_rows, (some.lam, some.traction, some.status), strict=True):
                 kept.append(sp.csr_matrix(of_rows))
 
     def histories(self, made: int, stopped: Stop | None) -> Histories:
@@ -200,9 +200,9 @@ class Record:
         q, v, a, values, stored, _, friction, _, _, fresh = (
             np.concatenate(parts) for parts in zip(*self._kept, strict=True)
         )
-        lam, along, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
+        lam, traction, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
         return Histories(
-            q, v, a, values, stored, lam, friction, along, status, fresh,
+            q, v, a, values, stored, lam, friction, traction, status, fresh,
             start=self._start, end=stepper.state(), end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             left=stepper.left, iterations=stepper.iterations, made=made, stopped=stopped,

@@ -28,6 +28,8 @@ class Start:
         Where contacts with rigid surfaces have found their flexibility. Default: nowhere.
     pairs : tuple of GapState, optional
         Of contacts of two bodies whose rows follow facets. Default: as they are placed.
+    rubbing : Anchors, optional
+        As `anchors`, of contacts with friction.
     """
 
     q: Array
@@ -37,3 +39,4 @@ class Start:
     turning: Array | None = None
     anchors: Anchors | None = None
     pairs: tuple[GapState, ...] | None = None
+    rubbing: Anchors | None = None

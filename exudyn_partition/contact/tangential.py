@@ -27,7 +27,7 @@ from .stages import NOTHING, OF_SIDE, Anchor, Standing
 
 SAME = 0.02  # of a facet's size, or change of normals: below it, rows keep their flexibility in three directions
 _MANY = 1000  # rows above which the flexibility of all, (3 nr, 3 nr), is not kept
-_STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
+STEEP = 0.9  # cosine between a row's normal and the axis of its tangents, above which another axis is taken
 
 
 class TangentialRows:
@@ -138,7 +138,7 @@ class TangentialRows:
             steepest = float(cosines.max(initial=0.0))
             if steepest < least:
                 best, least = (axis, tangents), steepest
-            if steepest <= _STEEP:
+            if steepest <= STEEP:
                 return axis, tangents
         return best
 

@@ -324,6 +324,50 @@ class FloatingKinematics:
         velocities: Array = q_t[..., None, :3] + local @ self.frame(q)[1].swapaxes(-1, -2)
         return velocities
 
+    def velocity_along(self, q: Array, q_t: Array, weights: Array, direction: Array) -> tuple[Array, Array, Array]:
+        """Velocity of a point along a direction in space, (3,), and its derivatives.
+
+        Parameters
+        ----------
+        q, q_t : (n, n_dofs) arrays
+            Coordinates and their velocities at n samples.
+        weights : (k,) array
+            Of the nodes, whose weighted mean is the point.
+        direction : (3,) array
+
+        Returns
+        -------
+        The velocity, (n,) [m/s], and its derivatives by coordinates and velocities, (n, n_dofs) each. Those by the
+        rotation belong to small turns about the axes of the frame's node.
+        """
+        shapes = np.tensordot(weights, self.rows.reshape(len(weights), 3, -1), axes=1)
+        omega, along = q_t[:, 3:6] @ self.node_axes.T, direction @ self.frame(q)[1]
+        arm, grown = weights @ self.arms + q[:, 6:] @ shapes.T, self.products(q_t)
+        growth = np.zeros((3, 6))
+        if grown is not None and self.growth is not None:
+            growth = np.tensordot(weights, self.growth.reshape(len(weights), 3, 6), axes=1)
+            arm = arm + grown @ growth.T
+        local, by_arm = np.cross(omega, arm) + q_t[:, 6:] @ shapes.T, np.cross(along, omega)
+        by_q, by_v = np.zeros((2, *q.shape))
+        by_q[:, 3:6], by_q[:, 6:] = np.cross(local, along) @ self.node_axes, by_arm @ shapes
+        of_omega = np.cross(arm, along) + by_products(omega, by_arm @ growth)
+        by_v[:, :3], by_v[:, 3:6], by_v[:, 6:] = direction, of_omega @ self.node_axes, along @ shapes
+        return q_t[:, :3] @ direction + np.einsum("na,na->n", local, along), by_q, by_v
+
+    def recovered(self, q: Array, q_t: Array, row: Array, growth: Array) -> tuple[Array, Array, Array]:
+        """A row, (n_dofs,) in the basis, times the deformation, and its derivatives, as `velocity_along` returns them.
+
+        `growth`, (6,), is the same by products of angular velocities.
+        """
+        by_z = row @ self.mean_axes.expand(np.eye(q.shape[1] - 6)).T
+        by_q, by_v = np.zeros((2, *q.shape))
+        values, by_q[:, 6:], products = q[:, 6:] @ by_z, by_z, self.products(q_t)
+        if products is not None:
+            values = values + products @ growth
+            omega = q_t[:, 3:6] @ self.node_axes.T
+            by_v[:, 3:6] = by_products(omega, np.tile(growth, (len(q), 1))) @ self.node_axes
+        return values, by_q, by_v
+
     def mean_velocity(self, q: Array, q_t: Array, point: Array) -> Array:
         """See `Kinematics.mean_velocity`; that of the mean axes, whose deformation has momenta of second order only."""
         r, A = self.frame(q)
@@ -406,6 +450,15 @@ class FloatingKinematics:
 
     def _arms(self, q: Array) -> Array:
         return self.arms + self.deformation(q)
+
+
+def by_products(omega: Array, by: Array) -> Array:
+    """Derivatives by angular velocities, (n, 3), from those by their products, (n, 6), see `Kinematics.products`."""
+    result = np.zeros_like(omega)
+    for c, (i, j) in enumerate(PAIRS):
+        result[:, i] += by[:, c] * omega[:, j]
+        result[:, j] += by[:, c] * omega[:, i]
+    return result
 
 
 def _inertia(body: ReducedBody, mean_axes: MeanAxes) -> Inertia:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from ..compiled.loops import Stepper
-from ..compiled.moving import Following
+from ..compiled.moving import Moves
 from ..compiled.plan import StepPlan
 from ..compiled.run import Histories, Record
 from ..compiled.start import Start
@@ -29,7 +29,7 @@ def run_adaptive(
     start: Start,
     plan: RunPlan,
     control: StepControl,
-    following: tuple[Sequence[Following], Sequence[Following]],
+    following: Moves,
     model_run: ModelRun,
     friction: FrictionGroups | None,
     report: Callable[[float], bool],
@@ -44,8 +44,8 @@ def run_adaptive(
     start : Start
     plan : RunPlan
     control : StepControl
-    following : two sequences of Following
-        Contacts whose rows follow the motion: with rigid surfaces, and of two bodies.
+    following : Moves
+        Contacts whose rows follow the motion.
     model_run : ModelRun
         The present run.
     friction : FrictionGroups or None
@@ -67,7 +67,7 @@ def run_adaptive(
         set_state(mbs, t, before.q, before.v, before.a)
         if friction is not None:
             friction.stand(before, stepper.values, stepper.stored, t)
-        give_anchors(*following, before)
+        give_anchors(following, before)
         model_run.force(mbs, t)
         pace = control.after_step(pace, last)
         if end - t <= _OVER * plan.times.step or not report(t):

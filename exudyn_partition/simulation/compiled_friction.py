@@ -47,18 +47,21 @@ class FrictionGroups:
         memory, first = state.friction, len(stored) - len(self._members)
         assert memory is not None
         states = iter([
-            self._state(j, member, memory, float(values[first + j, 5]), float(stored[first + j]), state.q)
+            self._state(j, member, memory, float(values[first + j, 5]), float(stored[first + j]), state)
             for j, member in enumerate(self._members)
         ])  # fmt: skip
         for group in self._groups:
             group.begin([next(states) for _ in group.members], t)
 
     def _state(
-        self, j: int, member: ContactRun, memory: FrictionMemory, least_gap: float, stored: float, q: Array
+        self, j: int, member: ContactRun, memory: FrictionMemory, least_gap: float, stored: float, end: Start
     ) -> ContactState:
         """State of a contact at the end of a step."""
         mechanics = member.mechanics
-        mechanics.gaps.at(member.coordinates_in(q))
+        gaps, turning = mechanics.gaps, member.coordinates_in(end.v if end.turning is None else end.turning)
+        of_sides = np.split(turning, np.cumsum([side.n for side in gaps.sides])[:-1])
+        gaps.grow([side.kinematics.growing(part) for side, part in zip(gaps.sides, of_sides, strict=True)])
+        gaps.at(member.coordinates_in(end.q))
         return ContactState(
             mechanics.gaps.after(), self._memory(j, member, memory), mechanics.state.creep, opening=mechanics.opening,
             stored=stored, least_gap=least_gap, law=mechanics.state.law,
@@ -71,25 +74,30 @@ class FrictionGroups:
         if not isinstance(rows, TangentialRows):
             return mechanics.state.memory.with_forces(normal_by_nodes(rows.gaps.row_nodes, forces[:, :1], n))
         slipped, speed, path = np.zeros(n, dtype=bool), np.zeros(n), mechanics.state.memory.path.copy()
+        nodes = rows.gaps.row_nodes
         for at_nodes, on_rows in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
-            at_nodes[rows.gaps.row_nodes] = on_rows[some]
-        on_nodes = by_nodes(rows, forces[:, 0], rows.tractions(forces), n)
+            at_nodes[nodes] = on_rows[some]
+        if rows.gaps.moving:  # in the body's axes
+            on_nodes = np.zeros((n, 4))
+            on_nodes[nodes, 0], on_nodes[nodes, 1:] = forces[:, 0], memory.tractions[some]
+        else:
+            on_nodes = by_nodes(rows, forces[:, 0], rows.tractions(forces), n)
         return RowMemory(on_nodes, slipped, speed, path, float(memory.dissipated[j]))
 
     def keep(self, made: Histories, t: Array) -> None:
         """Let contacts keep the forces on their rows at all samples, (n,) [s], and where they reached an edge."""
         assert made.lam is not None
-        assert made.along is not None
+        assert made.traction is not None
         assert made.status is not None
         assert made.end.friction is not None
         first, place = made.lam.shape[1] - self._plan.n_rows, made.values.shape[1] - len(self._members)
         for begin in range(0, len(t), _AT_ONCE):
             some = slice(begin, begin + _AT_ONCE)
-            parts = made.lam[some, first:].toarray(), made.along[some].toarray(), made.status[some].toarray()
+            parts = made.lam[some, first:].toarray(), made.traction[some].toarray(), made.status[some].toarray()
             for j, member in enumerate(self._members):
                 start, end = self._plan.rows.starts[j : j + 2]
-                lam, along, status = parts[0][:, start:end], parts[1][:, 2 * start : 2 * end], parts[2][:, start:end]
-                traction = np.einsum("irk,rkd->ird", along.reshape(*lam.shape, 2), self._plan.tangents[start:end])
+                lam, traction, status = parts[0][:, start:end], parts[1][:, 3 * start : 3 * end], parts[2][:, start:end]
+                traction = traction.reshape(*lam.shape, 3)
                 for i in np.flatnonzero(status.any(axis=1)).tolist():
                     closed = np.flatnonzero(status[i])
                     tangential = (traction[i, closed], status[i, closed]) if self._plan.laws[j] is not None else None

@@ -12,6 +12,7 @@ from ..algebra.products import dense
 from ..compiled.friction_plan import FrictionMemory, FrictionPlan
 from ..compiled.moving import (
     Following,
+    Moves,
     MovingPlan,
     Turning,
     anchors_of,
@@ -22,6 +23,7 @@ from ..compiled.moving import (
     surfaces_of,
 )
 from ..compiled.plan import Bodies, Core, FrozenPlan, StepPlan, joined_fields
+from ..compiled.rubbing import Rubbing, rubbing_of
 from ..compiled.start import Start
 from ..contact.between import Shares, shared_flexibility
 from ..contact.followed import BULGE
@@ -52,6 +54,7 @@ from ..support.optional import require
 
 # Contacts that are solved together at the start of a run, and what finds their forces.
 Groups = Sequence[tuple[Together, Sequence[PatchContact]]]
+Whole = tuple[Array, Sequence[Array], Core]  # see `CoupledFriction.whole_flexibility`
 MOST_ROWS = 700  # of contacts with friction that are solved together: their matrices take 100 MB
 
 
@@ -74,8 +77,8 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
         listed = "".join(f"\n- {reason}" for reason in reasons)
         raise CompiledRunError(
             "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
-            "gravity, constant loads on coordinates and damping of modes; friction as long as frames do not turn, and "
-            f"pairs of bodies do not slide. This one has more:{listed}\n"
+            "gravity, constant loads on coordinates and damping of modes; friction on rigid surfaces, and of bodies "
+            f"with each other as long as frames do not turn, and pairs do not slide. This one has more:{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
@@ -139,9 +142,9 @@ def _reasons_by_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
             f"{named} has pairs that follow the motion: of a RigidMesh, of Partition.surface on a rigid surface, or of "
             "large skins"
         )
-    elif has_friction(contact.group):
+    elif has_friction(contact.group) and not isinstance(gaps, RigidGaps):
         has = "friction" if contact.mechanics.friction is not None else "a body in common with a contact with friction"
-        yield f"{named} has {has}, and pairs that follow the motion: of a floating frame, or a curved rigid surface"
+        yield f"{named} has {has}, and pairs of two bodies that follow the motion, of a floating frame"
 
 
 def _reasons_by_items(
@@ -261,9 +264,9 @@ def _contacts_plan(
     within_contacts = tuple(F for flexibilities, _, _ in blocks for F in flexibilities)
     without = [contact for group in ordered[:n] for contact in group]
     flat = _rows(mbs, without, [member for _, some in groups[:n] for member in some])
-    friction = None if n == len(ordered) else _friction_plan(mbs, ordered[n:], groups[n:])
-    names = tuple(contact.name for contact in without)
-    return FrozenPlan(names, flat, within_contacts, fields, core, friction, _moving(mbs, groups))
+    names, moving = tuple(contact.name for contact in without), _moving(mbs, groups)
+    friction = None if n == len(ordered) else _friction_plan(mbs, ordered[n:], groups[n:], moving)
+    return FrozenPlan(names, flat, within_contacts, fields, core, friction, moving)
 
 
 def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequence[PatchContact]) -> FlatRows:
@@ -291,43 +294,63 @@ def _friction_plan(
     mbs: MainSystem,
     ordered: Sequence[Sequence[PartitionContact]],
     groups: Groups,
+    moving: MovingPlan | None,
 ) -> FrictionPlan:
     """Plan of groups of contacts with friction."""
     contacts = [contact for group in ordered for contact in group]
     members = [mechanics for _, some in groups for mechanics in some]
     for contact, mechanics in zip(contacts, members, strict=True):
-        if mechanics.gaps.moving:
+        if mechanics.gaps.moving and not isinstance(mechanics.gaps, RigidGaps):
             raise CompiledRunError(
                 f"pairs of contact {contact.name!r}, which has friction, slide where this run begins; take "
                 "solver='exudyn'"
             )
-    rows, ways, tangents, flexibilities = _rows(mbs, contacts, members), list[Array](), list[Array](), list[Array]()
+    rows, ways, tangents = _rows(mbs, contacts, members), list[Array](), list[Array]()
     for mechanics in members:
         of_contact, nr = mechanics.rows, len(mechanics.gaps.row_nodes)
-        if isinstance(of_contact, TangentialRows):
+        if mechanics.gaps.moving:
+            ways.append(np.zeros((2 * nr, 0)))
+            tangents.append(np.zeros((nr, 2, 3)))
+        elif isinstance(of_contact, TangentialRows):
             derivative = dense(of_contact.jacobian(np.arange(nr)))
             ways.append(derivative.reshape(nr, 3, -1)[:, 1:].reshape(2 * nr, -1))
             tangents.append(of_contact.tangents)
         else:  # nothing moves them along tangents
             ways.append(np.zeros((2 * nr, mechanics.gaps.n)))
             tangents.append(np.zeros((nr, 2, 3)))
-    for together, some in groups:
-        F = _whole(together, some)
-        Complementarity(regularised(F))  # which checks it
-        flexibilities.append(F)
+    wholes = [_whole(together, some) for together, some in groups]
+    for (_, some), (F, _, _) in zip(groups, wholes, strict=True):
+        if not any(mechanics.gaps.moving for mechanics in some):
+            Complementarity(regularised(F))  # which checks it
     starts = np.cumsum([0, *(len(some) for _, some in groups)])
     laws = tuple(mechanics.friction for mechanics in members)
-    names = tuple(contact.name for contact in contacts)
-    return FrictionPlan(names, rows, tuple(ways), np.concatenate(tangents), starts, tuple(flexibilities), laws)
+    names, flexibilities = tuple(contact.name for contact in contacts), tuple(F for F, _, _ in wholes)
+    rubbing = None if moving is None else _rubbing(moving.rubbing, groups, wholes)
+    return FrictionPlan(names, rows, tuple(ways), np.concatenate(tangents), starts, flexibilities, laws, rubbing)
+
+
+def _rubbing(contacts: Sequence[Following], groups: Groups, wholes: Sequence[Whole]) -> Rubbing | None:
+    """Contacts with friction on rigid surfaces whose rows follow the motion, of groups with friction alone."""
+    if not contacts:
+        return None
+    members = [mechanics for _, some in groups for mechanics in some]
+    fields, core, numbers = list[Array](), dict[tuple[int, int], Array](), list[int]()
+    for group, ((_, some), (_, of_group, between)) in enumerate(zip(groups, wholes, strict=True)):
+        core |= {(len(numbers) + j, len(numbers) + k): S for (j, k), S in between.items()}
+        fields += of_group
+        numbers += [group] * len(some)
+    return rubbing_of(contacts, [members[one.contact].rows for one in contacts], numbers, fields, core)
 
 
 def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
     """What the rows of groups of contacts remember, as `compiled.run` takes it."""
     members = [contact for some in groups for contact in some]
-    forces, slipped, speed, path = list[Array](), list[Array](), list[Array](), list[Array]()
+    forces, slipped, speed, path, tractions = (list[Array]() for _ in range(5))
     for mechanics in members:
         memory, nodes = mechanics.state.memory, mechanics.gaps.row_nodes
-        of_rows = np.zeros((len(nodes), 3))
+        of_rows, in_axes = np.zeros((2, len(nodes), 3))
+        in_axes[:, : memory.forces.shape[1] - 1] = memory.forces[nodes, 1:]
+        tractions.append(in_axes)
         remembered = on_rows(mechanics.rows, memory.forces)
         of_rows[:, : remembered.shape[1]] = remembered
         forces.append(of_rows)
@@ -336,14 +359,13 @@ def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
     all_forces = np.concatenate(forces)
     return FrictionMemory(
         all_forces, np.zeros_like(all_forces), np.concatenate(slipped), np.concatenate(speed), np.concatenate(path),
-        np.array([mechanics.state.memory.dissipated for mechanics in members]),
+        np.array([mechanics.state.memory.dissipated for mechanics in members]), np.concatenate(tractions),
     )  # fmt: skip
 
 
 def softened(plan: FrozenPlan, groups: Groups, shares: Shares) -> FrozenPlan:
     """The same contacts if only shares of the bodies' flexibilities yield, by the sides of all contacts of a plan."""
-    friction, n, places = plan.friction, 0, iter(shares)
-    blocks, flexibilities = list[tuple[Sequence[Array], Core]](), list[Array]()
+    n, places, blocks, wholes = 0, iter(shares), list[tuple[Sequence[Array], Core]](), list[Whole]()
     within_contacts = list[Array]()
     for together, members in groups:
         of_group = [next(places) for _ in members]
@@ -352,24 +374,40 @@ def softened(plan: FrozenPlan, groups: Groups, shares: Shares) -> FrozenPlan:
             blocks.append((fields, core))
             within_contacts += of_contacts
         else:
-            flexibilities.append(_whole(together, members, of_group))
+            wholes.append(_whole(together, members, of_group))
         n += len(members)
     fields, core = joined_fields(blocks)
     moving = plan.moving and plan.moving.softened([shares[j][0] for j in plan.moving.surfaces.contact])
     return replace(
-        plan, own=tuple(within_contacts), fields=fields, core=core,
-        friction=friction and friction.softened(flexibilities), moving=moving,
+        plan, own=tuple(within_contacts), fields=fields, core=core, moving=moving,
+        friction=plan.friction and _softened_friction(plan, groups[-len(wholes) :], wholes, shares),
     )  # fmt: skip
 
 
-def _whole(together: Together, members: Sequence[PatchContact], shares: Shares | None = None) -> Array:
+def _softened_friction(plan: FrozenPlan, groups: Groups, wholes: Sequence[Whole], shares: Shares) -> FrictionPlan:
+    """Contacts with friction with other flexibilities of their groups, see `softened`."""
+    friction, rubbing = plan.friction, None
+    assert friction is not None
+    if friction.rubbing is not None and plan.moving is not None:
+        rubbing = _rubbing(plan.moving.rubbing, groups, wholes)
+        of_surfaces = [shares[len(plan.names) + j][0] for j in friction.rubbing.surfaces.contact]
+        rubbing = rubbing and rubbing._replace(surfaces=rubbing.surfaces.softened(of_surfaces))
+    return friction.softened([F for F, _, _ in wholes], rubbing)
+
+
+def _whole(together: Together, members: Sequence[PatchContact], shares: Shares | None = None) -> Whole:
     """See `CoupledFriction.whole_flexibility`; also of a contact alone."""
     if isinstance(together, CoupledFriction):
         return together.whole_flexibility(shares)
     (alone,) = members
-    if shares is None:
-        return alone.rows.flexibility(np.arange(len(alone.gaps.row_nodes)))
-    return shared_flexibility(alone.rows, shares[0])
+    n = len(alone.gaps.row_nodes)
+    if alone.gaps.moving:
+        F = np.zeros((3 * n, 3 * n))
+    elif shares is None:
+        F = alone.rows.flexibility(np.arange(n))
+    else:
+        F = shared_flexibility(alone.rows, shares[0])
+    return F, [np.zeros((3 * n, 0))], {}
 
 
 def _blocks(
@@ -384,10 +422,11 @@ def _blocks(
 
 def _moving(mbs: MainSystem, groups: Groups) -> MovingPlan | None:
     """Bodies in floating frames and moving contacts; None if there are none."""
-    turning, (rigid, pairs) = _turning(mbs), moving_contacts(mbs, groups)
-    if not turning and not rigid and not pairs:
+    turning, (rigid, pairs, rubbing) = _turning(mbs), moving_contacts(mbs, groups)
+    if not turning and not rigid and not pairs and not rubbing:
         return None
-    return MovingPlan(frames_of(turning), surfaces_of(rigid), tuple(rigid), tuple(pairs), (BULGE, SAME, REGULARISATION))
+    bounds = BULGE, SAME, REGULARISATION
+    return MovingPlan(frames_of(turning), surfaces_of(rigid), tuple(rigid), tuple(pairs), bounds, tuple(rubbing))
 
 
 def _turning(mbs: MainSystem) -> list[Turning]:
@@ -401,33 +440,38 @@ def _turning(mbs: MainSystem) -> list[Turning]:
     return turning
 
 
-def moving_contacts(mbs: MainSystem, groups: Groups) -> tuple[list[Following], list[Following]]:
-    """Contacts whose rows follow the motion, with rigid surfaces and of two bodies; `groups` as `read_plan` takes."""
+def moving_contacts(mbs: MainSystem, groups: Groups) -> Moves:
+    """Contacts whose rows follow the motion; `groups` as `read_plan` takes."""
     bodies, contacts = partition_items(mbs)
-    floating = [item for item in bodies if item.frame == "floating"]
-    rigid, pairs, number = list[Following](), list[Following](), 0
-    for of_group, (together, members) in zip(in_groups(contacts), groups, strict=True):
+    ordered, floating = in_groups(contacts), [item for item in bodies if item.frame == "floating"]
+    found, number = Moves([], [], []), 0
+    first = sum(len(group) for group in ordered if not has_friction(group))
+    for of_group, (together, members) in zip(ordered, groups, strict=True):
         for j, (contact, mechanics) in enumerate(zip(of_group, members, strict=True)):
             gaps = mechanics.gaps
             if gaps.moving and isinstance(gaps, RigidGaps | PatchGaps):
                 items = [item for item, _ in contact.sides]
                 fields = [np.zeros((0, 0)) for _ in items]
-                if isinstance(together, CoupledContacts):
+                if isinstance(together, CoupledContacts | CoupledFriction):
                     fields = [together.patch_fields(j, side) for side in range(len(items))]
                 numbers = tuple(floating.index(item) if item in floating else -1 for item in items)
                 dofs = np.concatenate([dofs_of(mbs, item) for item in items])
-                kind = rigid if isinstance(gaps, RigidGaps) else pairs
-                kind.append(Following(number, numbers, dofs, gaps, tuple(fields)))
+                kind = found.rigid if isinstance(gaps, RigidGaps) else found.pairs
+                kind = found.rubbing if number >= first else kind
+                place = number - first if number >= first else number
+                kind.append(Following(place, numbers, dofs, gaps, tuple(fields)))
             number += 1
-    return rigid, pairs
+    return found
 
 
-def with_anchors(start: Start, rigid: Sequence[Following], pairs: Sequence[Following]) -> Start:
+def with_anchors(start: Start, moves: Moves) -> Start:
     """Return the start of a run with what its moving contacts remember."""
+    rigid, pairs, rubbing = moves
     anchors = anchors_of(rigid, len(start.q)) if rigid else start.anchors
     return replace(
-        start, anchors=anchors, pairs=tuple(replace(pair.gaps.accepted, anchor=pair.gaps.anchor) for pair in pairs)
-    )
+        start, anchors=anchors, pairs=tuple(replace(pair.gaps.accepted, anchor=pair.gaps.anchor) for pair in pairs),
+        rubbing=anchors_of(rubbing, len(start.q)) if rubbing else start.rubbing,
+    )  # fmt: skip
 
 
 def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], end: Start) -> list[GapState]:
@@ -454,17 +498,19 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
             if isinstance(gaps, PatchGaps) and not gaps.moving and can_follow(gaps):
                 known[id(gaps)] = replace(gaps.accepted, anchor=gaps.anchor)
                 gaps.follow()
-    following = moving_contacts(mbs, groups)[1]
+    following = moving_contacts(mbs, groups).pairs
     return [replace(known[id(pair.gaps)], q=end.q[pair.dofs]) for pair in following]
 
 
-def give_anchors(rigid: Sequence[Following], pairs: Sequence[Following], state: Start) -> None:
+def give_anchors(moves: Moves, state: Start) -> None:
     """Let contacts go on from a state of compiled steps."""
-    for s, contact in enumerate(rigid):
-        assert state.anchors is not None
-        if state.anchors.anchored[s]:
-            growing = growing_of(contact.gaps, state.anchors.growing[s])
-            contact.gaps.go_on_at(Anchor(state.anchors.q[s, contact.dofs], NOTHING, growing))
+    rigid, pairs, rubbing = moves
+    for some, anchors in ((rigid, state.anchors), (rubbing, state.rubbing)):
+        for s, contact in enumerate(some):
+            assert anchors is not None
+            if anchors.anchored[s]:
+                growing = growing_of(contact.gaps, anchors.growing[s])
+                contact.gaps.go_on_at(Anchor(anchors.q[s, contact.dofs], NOTHING, growing))
     for pair, of_pair in zip(pairs, state.pairs or (), strict=True):
         if pair.gaps.may_freeze:
             pair.gaps.begin(of_pair)

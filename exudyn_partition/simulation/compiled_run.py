@@ -76,7 +76,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
         parts = [(group.together, [run.mechanics for run in group.members]) for group in groups]
         step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
-        start, friction = with_anchors(start, *following), None
+        start, friction = with_anchors(start, following), None
         if (friction_plan := step_plan.contacts.friction) is not None:
             of_friction = [group for group, some in zip(groups, in_groups(contacts), strict=True) if has_friction(some)]
             friction = FrictionGroups(friction_plan, of_friction)
@@ -88,7 +88,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
             _keep_rows(mbs, model_run, step_plan, made, _ends(times, 0, made.made), friction)
             slides = made.stopped is not None and made.stopped.kind == "slides" and not made.stopped.rough
             if slides:  # these pairs follow facets from now on
-                states = follow_frozen(mbs, parts, following[1], made.end)
+                states = follow_frozen(mbs, parts, following.pairs, made.end)
                 step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
                 goes_on = replace(made.end, pairs=tuple(states))
                 rest = without_start(run(step_plan, goes_on, steps, report=told, earlier=made.made))
@@ -107,7 +107,7 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         if made.stopped and not made.made:
             raise RunError(f"mbs: a compiled run cannot make its first step: {made.stopped.text}")
         sensors = _of_bodies(mbs, made) | _samples_of_contacts(mbs, made) | _replayed(mbs, t, made)
-        give_anchors(*following, made.end)
+        give_anchors(following, made.end)
         _go_to_end(mbs, model_run, float(ends[-1]), made, friction)
         time_s = time.perf_counter() - begin
     end = keep_compiled_end(mbs, times.step, pace)

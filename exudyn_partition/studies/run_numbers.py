@@ -142,10 +142,9 @@ def energy_of_body(kinematics: Kinematics, dofs: Array, run: MadeRun) -> Number:
     return Number(np.array([value]), weights, Bodies(mass, stiffness, np.zeros(nq), np.zeros(nq)))
 
 
-def sums_of_history(by_q: Array, by_v: Array, samples: Array, made: Histories) -> Number:
-    """Sums over samples, (n, k), of a value that is linear in coordinates and velocities, (nq,)."""
+def sums_of_history(history: Array, by_q: Array, by_v: Array, samples: Array, made: Histories) -> Number:
+    """Sums over samples, (n, k), of a value, (n,), whose derivatives by coordinates and velocities are (n, nq) each."""
     assert made.lam is not None
-    history = made.q @ by_q + made.v @ by_v
     return Number(samples.T @ history, Sums(sp.csr_matrix(made.lam.shape), samples, by_q, by_v))
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -155,8 +156,8 @@ def sensitivity(
     Raises
     ------
     CompiledRunError
-        If compiled runs cannot hold the model, or rows follow facets of another body; the message lists all reasons.
-        Or if a strain or the velocity of a point is wanted of a body in a floating frame.
+        If compiled runs cannot hold the model, rows follow facets of another body, or rows with friction follow the
+        motion; the message lists all reasons.
     InputError
         If an argument is wrong, or nothing touches.
     RunError
@@ -217,13 +218,19 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     moving = plan.contacts.moving
     if moving is None:
         return
-    names = plan.contacts.names
+    names, rough = plan.contacts.names, plan.contacts.friction
     pairs = [f"contact {names[pair.contact]!r} has rows that follow facets of another body" for pair in moving.pairs]
+    pairs += [
+        f"contact {rough.names[one.contact]!r} has friction, or moves with one that has it, and rows that follow the "
+        "motion: of a floating frame, or a curved rigid surface"
+        for one in moving.rubbing
+        if rough is not None
+    ]
     if pairs:
         listed = "".join(f"\n- {reason}" for reason in pairs)
         raise CompiledRunError(
             f"sensitivity: the pass back over the steps does not have all of this model:{listed}\n"
-            "Take pairs that stay where they are, or differences of ep.run_many"
+            "Take rows that stay where they are, or differences of ep.run_many"
         )
 
 
@@ -271,13 +278,14 @@ def _variations(values: object, bodies: Sequence[PartitionBody], contacts: Seque
 
 @dataclass(frozen=True, eq=False)
 class _History:
-    """A value of a body that is linear in its coordinates and velocities, (n_dofs,) each, and its times [s].
+    """A value of a body, and its times [s].
 
-    `times` None is the end; with `weights`, (k, m), sums of values at times are wanted.
+    `value` is a function of coordinates and velocities at n samples, (n, n_dofs) each: it returns the value there,
+    (n,), and its derivatives by them. `times` None is the end; with `weights`, (k, m), sums of values at times are
+    wanted.
     """
 
-    by_q: Array
-    by_v: Array
+    value: Callable[[Array, Array], tuple[Array, Array, Array]]
     times: Array | None
     weights: Array | None
 
@@ -299,16 +307,8 @@ class _History:
             if times is None:
                 raise InputError("weights: expected None without times, for they belong to these")
             weights = validate_array("weights", weights, (None, len(times)))
-        zero = np.zeros(at.body.n_dofs)
-        kinematics = at.kinematics
-        if at.frame == "floating":
-            _check_floating(of, at, point)
-            return cls(zero, np.r_[direction, np.zeros(at.body.n_dofs - 3)], times, weights)
-        if of == "strain":
-            return cls(_one_row(at, rows), zero, times, weights)
-        if point is None:
-            return cls(zero, direction @ kinematics.mass_integral / at.body.total_mass, times, weights)
-        return cls(zero, direction @ at.velocity_rows(validate_vector("point", point)), times, weights)
+        place = None if point is None else validate_vector("point", point)
+        return cls(_strain(at, rows) if of == "strain" else _velocity(at, direction, place), times, weights)
 
     def number(self, dofs: Array, steps: EqualSteps, made: Histories) -> Number:
         """Its values in a run, of a body with these coordinates."""
@@ -317,19 +317,35 @@ class _History:
         if times.min(initial=0.0) < 0 or times.max(initial=0.0) > end * (1 + _EDGE):
             raise InputError(f"times: expected times from 0 to the end, {end:.6g} s, got {times.min():.6g} to "
                              f"{times.max():.6g} s")  # fmt: skip
-        by_q, by_v = np.zeros((2, made.q.shape[1]))
-        by_q[dofs], by_v[dofs] = self.by_q, self.by_v
-        return sums_of_history(by_q, by_v, at_times(times, self.weights, n, steps.step), made)
+        by_q, by_v = np.zeros((2, *made.q.shape))
+        history, by_q[:, dofs], by_v[:, dofs] = self.value(made.q[:, dofs], made.v[:, dofs])
+        return sums_of_history(history, by_q, by_v, at_times(times, self.weights, n, steps.step), made)
 
 
-def _check_floating(of: str, item: PartitionBody, point: object) -> None:
-    """Raise an error if a history of a body in a floating frame is not linear in its coordinates and velocities."""
-    if of == "strain" or point is not None:
-        wanted = "a strain" if of == "strain" else "the velocity of a point"
-        raise CompiledRunError(
-            f"sensitivity: {wanted} of body {item.name!r}, which has a floating frame. Take the velocity of its centre "
-            "of mass, frame='inertial', or differences of ep.run_many"
-        )
+def _linear(by_q: Array, by_v: Array) -> Callable[[Array, Array], tuple[Array, Array, Array]]:
+    """A value that is linear in coordinates and velocities, (n_dofs,) each, see `_History`."""
+    return lambda q, q_t: (q @ by_q + q_t @ by_v, by_q, by_v)
+
+
+def _velocity(item: PartitionBody, direction: Array, point: Array | None) -> Callable[..., tuple[Array, Array, Array]]:
+    """Velocity of a point of a body, or of its centre of mass, along a direction, see `_History`."""
+    kinematics, zero = item.kinematics, np.zeros(item.body.n_dofs)
+    if not isinstance(kinematics, FloatingKinematics):
+        mean = kinematics.mass_integral / item.body.total_mass
+        return _linear(zero, direction @ (mean if point is None else item.velocity_rows(point)))
+    if point is None:
+        return _linear(zero, np.r_[direction, zero[3:]])
+    nodes, weights = item.nodes_around(point)
+    return functools.partial(kinematics.at(nodes).velocity_along, weights=weights, direction=direction)
+
+
+def _strain(item: PartitionBody, rows: object) -> Callable[..., tuple[Array, Array, Array]]:
+    """What a row recovers of a body, see `_History`."""
+    kinematics, row = item.kinematics, _one_row(item, rows)
+    if not isinstance(kinematics, FloatingKinematics):
+        return _linear(row, np.zeros(item.body.n_dofs))
+    growth = np.zeros(6) if kinematics.growth is None else item.body.growth_in(sp.csr_matrix(rows))[0]
+    return functools.partial(kinematics.recovered, row=row, growth=growth)
 
 
 def _one_row(item: PartitionBody, rows: object) -> Array:

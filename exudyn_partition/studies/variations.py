@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ..algebra.coulomb import Coulomb
-from ..compiled.moving import Following, anchors_at, pairs_at
+from ..compiled.moving import Moves, anchors_at, pairs_at
 from ..compiled.plan import Bodies, FrozenPlan, StepPlan
 from ..compiled.start import Start
 from ..errors import InputError
@@ -161,8 +161,8 @@ class Entries:
     groups : Groups
         These contacts at the start, as they are solved together.
     variations : Variations
-    following : two sequences of Following
-        Contacts whose rows follow the motion: with rigid surfaces, and of two bodies.
+    following : Moves, optional
+        Contacts whose rows follow the motion. Default: none.
     """
 
     def __init__(
@@ -173,10 +173,10 @@ class Entries:
         contacts: Sequence[PartitionContact],
         groups: Groups,
         variations: Variations,
-        following: tuple[Sequence[Following], Sequence[Following]] = ((), ()),
+        following: Moves | None = None,
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
-        self._groups, self._variations, self._following = groups, variations, following
+        self._groups, self._variations, self._following = groups, variations, following or Moves([], [], [])
         self._check_turning()
 
     def _check_turning(self) -> None:
@@ -273,9 +273,12 @@ class Entries:
             velocity, turning = (values.of(item, name, entry) for name in VECTORS[:2])
             if velocity is not None or turning is not None:
                 v[dofs] = _thrown(item, q[dofs], v[dofs], velocity, turning)
-        placed, (rigid, pairs) = any("referencePosition" in given for given in values.values.values()), self._following
-        start = replace(self._start, q=q, v=v)
-        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q)) if placed else start
+        placed = any("referencePosition" in given for given in values.values.values())
+        start, (rigid, pairs, rubbing) = replace(self._start, q=q, v=v), self._following
+        if not placed:
+            return start
+        rubs = start.rubbing and replace(anchors_at(rubbing, q), anchored=start.rubbing.anchored)  # with friction: none
+        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q), rubbing=rubs)
 
 
 def _moved(item: PartitionBody, way: Array) -> Array:

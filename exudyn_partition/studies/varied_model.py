@@ -71,7 +71,7 @@ class VariedModel:
         groups, planned = at_start(contacts), [contact for group in in_groups(contacts) for contact in group]
         places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
         following = moving_contacts(mbs, groups)
-        start = with_anchors(initial_start(mbs), *following)
+        start = with_anchors(initial_start(mbs), following)
         entries = Entries(read_plan(mbs, groups), start, places, planned, groups, variations, following)
         return cls(places, planned, gaps, variations, times, entries)
 

@@ -143,7 +143,7 @@ def test_compiled_and_plain_adjoints_agree():
     plan, steps = wall(load=7.0, stiffness=50.0, damping=30.0), EqualSteps(np.pi / OMEGA / 200, 250)
     made = thrown(plan, steps)
     samples = np.random.default_rng(0).normal(size=(251, 3))
-    weights = Sums(sp.csr_matrix(made.lam.shape), samples, np.array([0.3]), np.array([1.0]))
+    weights = Sums(sp.csr_matrix(made.lam.shape), samples, np.full((251, 1), 0.3), np.ones((251, 1)))
 
     def found():
         of_sums = backwards(MadeRun(plan, steps, made), weights, [PART])

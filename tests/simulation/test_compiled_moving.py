@@ -1,5 +1,7 @@
 """Compiled runs of bodies in floating frames and on curved rigid surfaces are those of Exudyn, up to round-off."""
 
+from dataclasses import replace
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import netgen.occ as occ
@@ -18,29 +20,37 @@ AXES = ("normal", "xyz")
 ASIDE = np.array([0.5, 0.0, -np.sqrt(0.75)])  # from the centre to a second patch
 
 
-@pytest.fixture(scope="module")
-def marbles():
+def marble(material, *all_axes):
     """A marble with three patches, by the axes of its flexibility."""
     places = {"south": (0, 0, -R), "slope": tuple(R * ASIDE), "north": (0, 0, R)}
     refine = [ep.Refine(p, 0.7e-3, 0.3e-3) for p in places.values()]
-    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=4e-3, refine=refine, grading=0.7)
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), material, maxh=4e-3, refine=refine, grading=0.7)
     found = {}
-    for axes in AXES:
+    for axes in all_axes:
         parts = [ep.Partition.ball(fem, place, 0.8e-3, name=name, axes=axes) for name, place in places.items()]
-        found[axes] = ep.reduce(fem, parts[0] | parts[1] | parts[2], f_cut=120e3)
+        f_cut = 120e3 * np.sqrt(material.E / ep.STEEL.E)  # with the same modes
+        found[axes] = ep.reduce(fem, parts[0] | parts[1] | parts[2], f_cut=f_cut)
     return found
 
 
-def thrown(body, *surfaces, frame="floating", loaded=False, name="ball", mbs=None, place=(0.0, 0.0), **options):
-    """A marble between rigid surfaces: model, body and contacts."""
+@pytest.fixture(scope="module")
+def marbles():
+    """Of steel."""
+    return marble(ep.STEEL, *AXES)
+
+
+def thrown(
+    body, *surfaces, frame="floating", loaded=False, name="ball", mbs=None, place=(0.0, 0.0), friction=(), **options
+):
+    """A marble between rigid surfaces, of which the first ones have `friction`: model, body and contacts."""
     mbs = exu.SystemContainer().AddSystem() if mbs is None else mbs
     motion = {"referencePosition": [*place, R + 5e-7], "initialVelocity": [0.2, 0.1, -1.0], "damping": 0.02}
     if frame == "floating":
         motion["initialAngularVelocity"] = SPIN
     ball = ep.CreatePartitionBody(mbs, body, name=name, frame=frame, **(motion | options))
     contacts = [
-        ep.CreatePartitionContact(mbs, ball, surface, slavePatch=patch, name=f"{name} {patch}")
-        for surface, patch in zip(surfaces, ("south", "slope"), strict=False)
+        ep.CreatePartitionContact(mbs, ball, surface, slavePatch=patch, name=f"{name} {patch}", friction=mu)
+        for surface, patch, mu in zip(surfaces, ("south", "slope"), (*friction, None, None), strict=False)
     ]
     if loaded:
         marker = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ball["nRigid"], coordinate=2))
@@ -74,6 +84,11 @@ def beside_friction(marbles):
     _, [tumbles], [smooth] = thrown(marbles["xyz"], PLANE, mbs=mbs)
     _, [stays], [hill] = thrown(marbles["normal"], HILL, mbs=mbs, frame="inertial", name="stays")
     return mbs, [rubs, tumbles, stays], [rough, smooth, hill]
+
+
+def rubs(*surfaces, friction=(0.2,), **options):
+    """Return a function of marbles that makes one which rubs on rigid surfaces."""
+    return lambda m: thrown(m["xyz"], *surfaces, friction=friction, **options)
 
 
 def pair(body, *, frames=("floating", "floating"), along=0.2, gap=5e-7, mbs=None, aside=0.0, spin=SPIN, **options):
@@ -131,7 +146,21 @@ def skins():
     return ep.reduce(fem, parts[0] | parts[1], f_cut=120e3)
 
 
-SCENES = {
+FALLS = ep.Coulomb(0.3, 0.15, 0.2)
+RUBS = {
+    "rubs on a plane": rubs(PLANE),
+    "rubs on a sphere": rubs(HILL, friction=(FALLS,)),
+    "rubs on a cylinder": rubs(ROLL, gravity=[10.0, 0.0, -2e4]),
+    "rubs in a bore": rubs(BORE, friction=(0.05,)),
+    "rubs on a sphere, inertial": rubs(HILL, frame="inertial", friction=(FALLS,)),
+    "rubs in a bore, inertial": rubs(BORE, frame="inertial", initialVelocity=[0.3, 0.1, -1.0]),
+    "rubs on two planes": rubs(PLANE, SLOPE, friction=(0.2, 0.1)),
+    "rubs on one of two planes": rubs(PLANE, SLOPE),
+    "rubs on a sphere and a plane, inertial": rubs(HILL, SLOPE, friction=(0.2, 0.1), frame="inertial"),
+    "rubs on a plane beside a sphere, inertial": rubs(HILL, SLOPE, friction=(None, 0.1), frame="inertial"),
+    "rubs on a plane, load": rubs(PLANE, loaded=True),
+}
+SCENES = RUBS | {
     "two that tumble": lambda m: pair(m["xyz"]),
     "two that tumble, normals": lambda m: pair(m["normal"], gravity=[10.0, 0.0, -2e4]),
     "a floating one on an inertial one": lambda m: pair(m["xyz"], frames=("floating", "inertial")),
@@ -184,6 +213,12 @@ def assert_same(right, found, bodies, contacts):
         for one, other in of_nodes:
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-8 * abs(other).max())
         assert len(contact.impacts(found)) == len(contact.impacts(right))
+        if contact.friction:
+            np.testing.assert_array_equal(contact.friction.states(found), contact.friction.states(right))
+            force = contact.friction.tangential_force(right)
+            np.testing.assert_allclose(
+                contact.friction.tangential_force(found), force, rtol=0, atol=CLOSE * abs(force).max()
+            )
     for item in bodies:
         for name in ("energy", "momentum", "dissipated_energy"):
             values = getattr(item, name)(right)
@@ -202,6 +237,10 @@ def test_equal_to_exudyn(marbles, scene):
 
 
 NUMPY = (
+    "rubs on a sphere",
+    "rubs on two planes",
+    "rubs on one of two planes",
+    "rubs on a plane beside a sphere, inertial",
     "plane, all directions",
     "sphere",
     "two planes",
@@ -267,6 +306,80 @@ def test_adaptive_steps_of_friction_beside_what_moves(marbles):
         np.testing.assert_allclose(contact.force(found), force, rtol=0, atol=1e-6 * force.max())
     work = contacts[0].friction.work(right)
     np.testing.assert_allclose(contacts[0].friction.work(found), work, rtol=0, atol=1e-6 * abs(work).max())
+
+
+@pytest.mark.parametrize(("first", "later"), [("compiled", "exudyn"), ("exudyn", "compiled"), ("compiled", "compiled")])
+@pytest.mark.parametrize("scene", ["rubs on a sphere", "rubs on two planes", "rubs on a sphere and a plane, inertial"])
+def test_rows_that_rub_go_on(marbles, scene, first, later, tmp_path):
+    """Their forces turn with the body; in the same model, and from a file in another one."""
+    options, make = {"step": 0.15e-6}, RUBS[scene]
+    mbs, _, [contact, *_] = make(marbles)
+    whole = ep.solve_dynamic(mbs, end_time=24e-6, **options)
+    force, work, along = contact.force(whole), contact.friction.work(whole), contact.friction.tangential_force(whole)
+    mbs, _, [contact, *_] = make(marbles)
+    ep.solve_dynamic(mbs, end_time=12e-6, solver=first, **options).save(tmp_path / "cut.npz")
+    fresh, _, [again, *_] = make(marbles)
+    cut = ep.Result.load(tmp_path / "cut.npz", fresh)
+    for model, one, goes_on in ((mbs, contact, True), (fresh, again, cut)):
+        result = ep.solve_dynamic(model, end_time=24e-6, solver=later, go_on=goes_on, **options)
+        for values, right in (
+            (one.force(result), force),
+            (one.friction.tangential_force(result), along),
+            (one.friction.work(result), work),
+        ):
+            np.testing.assert_allclose(values, right[-len(values) :], rtol=0, atol=CLOSE * abs(right).max())
+
+
+@pytest.mark.parametrize("scene", ["rubs on a sphere", "rubs in a bore, inertial"])
+def test_adaptive_steps_of_rows_that_rub(marbles, scene):
+    mbs, _, [contact] = RUBS[scene](marbles)
+    right, found = (ep.solve_dynamic(mbs, end_time=30e-6, adaptive=True, solver=s) for s in ("exudyn", "compiled"))
+    np.testing.assert_allclose(found.t, right.t, rtol=1e-7)
+    for values in (contact.force, contact.friction.tangential_force, contact.friction.work):
+        assert np.any(values(right))
+        np.testing.assert_allclose(values(found), values(right), rtol=0, atol=1e-6 * abs(values(right)).max())
+
+
+@pytest.mark.parametrize("scene", ["rubs on a sphere", "rubs on one of two planes"])
+def test_rows_that_rub_have_the_bits_of_single_runs(marbles, scene):
+    """Whatever ran before, in any number of threads; and the forces of Exudyn's run."""
+    mbs, [ball], [contact, *_] = RUBS[scene](marbles)
+    vary = {
+        ball: {
+            "initialVelocity": np.array([[0.2, 0.1, -1.0], [0.1, 0, -1.0], [0.0, 0.2, -1.5]]),
+            "initialAngularVelocity": np.array([SPIN, [0.0, 0, 0], [3e3, 0, 0]]),
+            "referencePosition": np.array([[0, 0, R + 5e-7], [1e-5, 0, R + 3e-7], [0, 2e-5, R + 4e-7]]),
+        },
+        contact: {"friction": np.array([0.2, 0.1, 0.3])},
+    }
+    options = {"end_time": END, "step": 0.1e-6, "histories": ("force", "coordinates")}
+    runs = ep.run_many(mbs, vary=vary, workers=2, **options)
+    assert not runs.failures
+    for entry in range(3):
+        of_one = {item: {k: v[entry : entry + 1] for k, v in of_item.items()} for item, of_item in vary.items()}
+        alone = ep.run_many(mbs, vary=of_one, **options)
+        for name in ("force", "q", "q_t", "peak", "dissipated", "energy", "momentum"):
+            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(runs, name)[entry])
+    surfaces = (HILL,) if scene == "rubs on a sphere" else (PLANE, SLOPE)
+    other, _, [same, *_] = rubs(*surfaces, friction=(0.2,))(marbles)
+    result = ep.solve_dynamic(other, end_time=END, step=0.1e-6)
+    force, work = same.force(result), same.friction.work(result)[-1]
+    np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=CLOSE * force.max())
+    assert runs.dissipated[0, 0] == pytest.approx(work, rel=1e-8)
+
+
+def test_a_softer_body_that_rubs(marbles):
+    """Of several contacts: in groups of rows that follow the motion, and of frozen ones."""
+    make, options = RUBS["rubs on a sphere and a plane, inertial"], {"end_time": END, "step": 0.1e-6}
+    mbs, [ball], stiff = make(marbles)
+    runs = ep.run_many(mbs, vary={ball: {"E": [0.5 * ep.STEEL.E, ep.STEEL.E]}}, histories=("force",), **options)
+    assert not runs.failures
+    softer, _, soft = make(marble(replace(ep.STEEL, E=0.5 * ep.STEEL.E), "xyz"))
+    for entry, (model, some) in enumerate(((softer, soft), (mbs, stiff))):
+        result = ep.solve_dynamic(model, **options)
+        forces = np.array([contact.force(result) for contact in some])
+        assert forces.any(axis=1).all()
+        np.testing.assert_allclose(runs.force[entry], forces, rtol=0, atol=1e-7 * forces.max())
 
 
 def test_go_on_from_a_file(marbles, tmp_path):
@@ -479,28 +592,6 @@ def test_what_cannot_vary(marbles):
         ep.run_many(mbs, end_time=END, vary={ball: {"E": [2e11]}})
 
 
-@pytest.mark.parametrize(
-    ("frame", "surface"), [("floating", PLANE), ("floating", BORE), ("inertial", HILL), ("inertial", ROLL)]
-)
-def test_friction_on_what_moves_is_refused(marbles, frame, surface):
-    mbs, [ball], _ = thrown(marbles["xyz"], frame=frame)
-    ep.CreatePartitionContact(mbs, ball, surface, slavePatch="south", friction=0.2, name="rough")
-    mbs.Assemble()
-    with pytest.raises(CompiledRunError, match="contact 'rough' has friction, and pairs that follow the motion"):
-        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
-
-
-def test_rows_that_move_in_one_problem_with_friction_are_refused(marbles):
-    """Of two contacts on one body, which move each other."""
-    mbs, [ball], _ = thrown(marbles["xyz"], HILL, frame="inertial")
-    ep.CreatePartitionContact(mbs, ball, SLOPE, slavePatch="slope", friction=0.2, name="rough")
-    mbs.Assemble()
-    with pytest.raises(CompiledRunError) as raised:
-        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
-    assert "- contact 'ball south' has a body in common with a contact with friction, and pairs" in str(raised.value)
-    assert "'rough'" not in str(raised.value)
-
-
 def test_what_is_refused(marbles):
     mbs, _, _ = thrown(marbles["normal"], PLANE, inertiaTerms=("gyroscopic",))
     with pytest.raises(CompiledRunError, match="body 'ball' leaves out inertia forces by inertiaTerms"):
@@ -509,5 +600,5 @@ def test_what_is_refused(marbles):
     rests = ep.CreatePartitionBody(mbs, marbles["xyz"], name="rests", referencePosition=[0, 0, -R - 1e-6])
     ep.CreatePartitionContact(mbs, ball, rests, slavePatch="south", masterPatch="north", name="pair", friction=0.2)
     mbs.Assemble()
-    with pytest.raises(CompiledRunError, match="contact 'pair' has friction, and pairs that follow the motion"):
+    with pytest.raises(CompiledRunError, match="contact 'pair' has friction, and pairs of two bodies that follow"):
         ep.solve_dynamic(mbs, end_time=END, solver="compiled")

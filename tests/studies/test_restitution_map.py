@@ -184,7 +184,7 @@ def test_impacts_that_hardly_turn_are_compiled_and_the_same(ball, normal, obliqu
 
 def test_compiled_impacts_with_friction_are_the_same(ball, oblique):
     exact = ep.restitution_map((ball, PLANE), speed=0.5, angle=oblique.angle[1:2], friction=MU, largest_turn=0.0)
-    assert not exact.info["compiled"].any()
+    assert exact.info["compiled"].all()  # in floating frames too, see `test_compiled_moving`
     for name in ("restitution", "tangential_restitution", "impulse_ratio", "peak_force", "friction_share", "spin"):
         np.testing.assert_allclose(oblique[name][:, :, 1:2, 1:], exact[name], rtol=2e-3)
 

@@ -155,15 +155,77 @@ def test_a_spinning_ball_beside_one_that_does_not(balls):
                 assert not np.any(found.by[other][name])
 
 
-def test_what_is_refused_in_a_floating_frame(balls):
-    mbs, item, _ = flies(balls["normal"], FLOOR, frame="floating")
-    gauge = sp.csr_matrix((np.ones(1), ([0], [0])), (1, 3 * len(item.body.points)))
-    for options, wanted in (
-        ({"of": "velocity", "point": (0, 0, 0)}, "velocity of a point"),
-        ({"of": "strain", "rows": gauge}, "strain"),
+@pytest.mark.parametrize("frame", ["floating", "inertial"])
+def test_rows_that_follow_the_motion_with_friction_are_refused(balls, frame):
+    mbs = exu.SystemContainer().AddSystem()
+    thrown = {"referencePosition": [0, 0, R + 1e-7], "initialVelocity": [0.2, 0, -1.0], "frame": frame}
+    ball = ep.CreatePartitionBody(mbs, balls["xyz"], name="ball", **thrown)
+    hill = ep.RigidSphere((0, 0, -R), R)
+    contact = ep.CreatePartitionContact(mbs, ball, hill, slavePatch="s", name="rough", friction=0.2)
+    mbs.Assemble()
+    with pytest.raises(CompiledRunError, match="contact 'rough' has friction, or moves with one that has it"):
+        ep.sensitivity(mbs, end_time=10e-6, of="impulse", at=contact)
+
+
+TIMES = np.array([0.0, 3.3e-6, 9.1e-6, END])
+GAUGE = sp.csr_matrix([[1.0, -1.0]]) / (2 * R)  # of two nodes
+
+
+def point_and_strain(item):
+    """What asks for these numbers, and functions of coordinates and velocities, (n, n_dofs), that give them."""
+    point = item.body.points[item.body.nearest_node(np.array([0, R, 0]))]
+    nodes = [item.body.nearest_node(np.array([0, 0, z])) for z in (R, -R)]
+    rows = sp.csr_matrix((GAUGE.data, ([0, 0], [3 * node + 2 for node in nodes])), (1, 3 * len(item.body.points)))
+    around = item.kinematics.at(np.array([item.body.nearest_node(point)]))
+
+    def strain(q, q_t):
+        growth = item.kinematics.products(q_t) @ item.body.growth_in(rows).T
+        return (item.kinematics.elastic(q) @ item.body.reduced_rows(rows).T + growth)[:, 0]
+
+    velocity = {"of": "velocity", "point": point, "direction": DIRECTION}
+    return [
+        (velocity, lambda q, q_t: around.velocities(q, q_t)[:, 0] @ DIRECTION),
+        ({"of": "strain", "rows": rows}, strain),
+    ]
+
+
+@pytest.mark.parametrize("name", ["initialVelocity", "initialAngularVelocity", "gravity", "damping"])
+def test_histories_in_a_floating_frame(balls, name):
+    """Velocity of a point and strain, with growth by rotation; values are those of results."""
+    mbs, item, _ = flies(balls["xyz"], FLOOR, frame="floating")
+    options, size = {"end_time": END, "step": STEP}, SIZES[name]
+    value = {"initialVelocity": VELOCITY, "initialAngularVelocity": SPIN, "gravity": np.array([0, 0, -2e4])}.get(name)
+    value = np.array(0.03) if value is None else value
+    found = [ep.sensitivity(mbs, at=item, times=TIMES, **wanted, **options) for wanted, _ in point_and_strain(item)]
+    errors = []
+    for share in (1e-3, 1e-4):
+        ways = share * size * np.concatenate([np.eye(max(value.size, 1)), -np.eye(max(value.size, 1))])
+        entries = value + (ways if value.ndim else ways[:, 0])
+        runs = ep.run_many(mbs, vary={item: {name: entries}}, histories=("coordinates",), **options)
+        errors.append([])
+        for one, (_, history) in zip(found, point_and_strain(item), strict=True):
+            of_runs = [history(q, q_t) for q, q_t in zip(runs.q, runs.q_t, strict=True)]
+            at_times = np.array([np.interp(TIMES, runs.t, of_run) for of_run in of_runs])
+            more, less = np.split(at_times, 2)
+            by_runs = ((more - less) / (2 * share)).T
+            right = size * one.by[item][name].reshape(by_runs.shape)
+            errors[-1].append(abs(right - by_runs).max() / max(abs(one.value).max(), abs(right).max()))
+    assert np.min(errors, axis=0).max() <= WITHIN, errors
+
+
+def test_values_in_a_floating_frame_are_those_of_results(balls):
+    mbs, item, _ = flies(balls["xyz"], FLOOR, frame="floating")
+    (velocity, _), (strain, _) = point_and_strain(item)
+    options = {"at": item, "end_time": END, "step": STEP, "times": TIMES}
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
+    for wanted, history in (
+        (velocity, item.velocity(result, velocity["point"]) @ DIRECTION),
+        (strain, item.recover(result, strain["rows"])[:, 0]),
     ):
-        with pytest.raises(CompiledRunError, match=f"a?{wanted} of body 'ball', which has a floating frame"):
-            ep.sensitivity(mbs, end_time=END, step=STEP, at=item, **options)
+        value = ep.sensitivity(mbs, **wanted, **options).value
+        np.testing.assert_allclose(
+            value, np.interp(TIMES, result.t, history), rtol=1e-9, atol=1e-9 * abs(history).max()
+        )
 
 
 @pytest.mark.parametrize(

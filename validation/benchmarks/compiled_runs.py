@@ -118,7 +118,7 @@ def arrays_of(mbs):
     data, initial = mbs.systemData, exu.ConfigurationType.Initial
     start = Start(np.array(data.GetODE2Coordinates(initial)), np.array(data.GetODE2Coordinates_t(initial)))
     groups, steps = at_start(partition_items(mbs)[1]), EqualSteps(STEP, round(END / STEP))
-    plan, start = read_plan(mbs, groups), with_anchors(start, *moving_contacts(mbs, groups))
+    plan, start = read_plan(mbs, groups), with_anchors(start, moving_contacts(mbs, groups))
     return plan, start, steps
 
 

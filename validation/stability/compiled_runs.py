@@ -67,12 +67,13 @@ def spin_of(number):
     return 2e3 * np.random.default_rng(number).normal(size=3)
 
 
-def on_surface(number, frame=None):
+def on_surface(number, frame=None, scene=None):
     """Model of a body that flies at a rigid surface, its body and contact, and how long it runs [s].
 
-    Without a `frame`, some are inertial ones.
+    Without a `frame`, some are inertial ones. With friction if another `scene` is given that has it.
     """
-    scene, mbs = replace(drawn(number), shapes=("ball", "ball")), exu.SystemContainer().AddSystem()
+    law = None if scene is None else law_of(scene, number)
+    scene, mbs = replace(scene or drawn(number), shapes=("ball", "ball")), exu.SystemContainer().AddSystem()
     rng, ((upper, _), _) = np.random.default_rng(number), random_scenes.bodies_of(scene)
     if frame is None:
         frame = "inertial" if number % 4 and rng.random() < 0.3 else "floating"
@@ -81,7 +82,7 @@ def on_surface(number, frame=None):
         mbs, upper, name="upper", damping=scene.damping, gravity=1e3 * rng.normal(size=3), frame=frame,
         initialVelocity=scene.velocity, **spin,
     )  # fmt: skip
-    contact = ep.CreatePartitionContact(mbs, thrown, surface_of(number), name="contact")
+    contact = ep.CreatePartitionContact(mbs, thrown, surface_of(number), name="contact", friction=law)
     mbs.Assemble()
     return mbs, (thrown,), contact, random_scenes.duration(scene)
 
@@ -137,10 +138,8 @@ def reverses(contact, right):
     return len(some) > 0 and bool((some @ some[0]).min() < 0.0)
 
 
-def both(seed):
-    """Results of the scene by Exudyn and by compiled steps."""
-    make = on_surface if seed % 4 == 1 else of_two_that_move if seed % 2 else of_two
-    mbs, _, _, end = make(seed // 2)
+def both(mbs, end):
+    """Results of a model by Exudyn and by compiled steps."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return [ep.solve_dynamic(mbs, end_time=end, solver=solver) for solver in ("exudyn", "compiled")]
@@ -148,7 +147,15 @@ def both(seed):
 
 def checked(seed):
     """The row of a seed."""
-    (right, found), scene = both(seed), drawn(seed // 2, friction=not seed % 2)
+    make = on_surface if seed % 4 == 1 else of_two_that_move if seed % 2 else of_two
+    kind = ("", " on a rigid surface", "", " with rows that follow facets")[seed % 4]
+    return row_of(seed, drawn(seed // 2, friction=not seed % 2), make(seed // 2), kind)
+
+
+def row_of(seed, scene, made, kind):
+    """The row of a scene, whose model is as `on_surface` returns it."""
+    mbs, _, _, end = made
+    right, found = both(mbs, end)
     n, difference, contact = len(found.t), 0.0, right.contacts[0]
     for number, values in right.sensors.items():
         for one, other in zip(columns_of(values[:n]), columns_of(found.sensors[number]), strict=True):
@@ -159,7 +166,7 @@ def checked(seed):
     states = contact.friction.states(right)[:n] if scene.friction else np.zeros(1)
     return {
         "seed": seed,
-        "scene": str(scene) + ("", " on a rigid surface", "", " with rows that follow facets")[seed % 4],
+        "scene": f"{scene}{kind}",
         "difference": difference,
         "share": n / len(right.t),
         "hit": bool(contact.force(right)[:n].any()),
@@ -169,9 +176,9 @@ def checked(seed):
     }
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=COUNT, help="seeds, from 0 on")
+def main(checked=checked, count=COUNT, script=__file__, said=__doc__):
+    parser = argparse.ArgumentParser(description=said.splitlines()[0])
+    parser.add_argument("--count", type=int, default=count, help="seeds, from 0 on")
     parser.add_argument("--out", type=Path, help="file of the results, instead of the JSON beside the script")
     options = parser.parse_args()
     rows = []
@@ -191,7 +198,7 @@ def main():
     }
     Console().print(result)
     failed = [f"{name} {result['found'][name]:.2g}" for name, limit in LIMITS.items() if result["found"][name] > limit]
-    scenes.finish(__file__, result, failed, options.out)
+    scenes.finish(script, result, failed, options.out)
 
 
 if __name__ == "__main__":

@@ -183,6 +183,12 @@ class Coupled:
         assert isinstance(self._between, RowFields)
         return self._between
 
+    def patch_fields(self, j: int, side: int) -> Array:
+        """Fields of a side's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""
+        of_sides, flexibility = dict(self._exchange.fields.get(j, ())), self.contacts[j].gaps.sides[side].flexibility
+        none = np.zeros((0 if flexibility is None else len(flexibility), 0))
+        return of_sides.get(side, none)
+
     def _creep(self) -> None:
         """Tell answers how the elastic forces on other contacts move their rows."""
         moved = self._between.across([contact.evaluation.carried() for contact in self.contacts])
@@ -336,12 +342,6 @@ class CoupledContacts(Coupled):
                 )
                 fields.append(self._fields.fields(j))
         return within_contacts, fields, self._exchange.core if shares is None else self._exchange.yielding(shares)
-
-    def patch_fields(self, j: int, side: int) -> Array:
-        """Fields of a side's patch of contact j that contacts exchange, (d np, m), see `between.Exchange`."""
-        of_sides, flexibility = dict(self._exchange.fields.get(j, ())), self.contacts[j].gaps.sides[side].flexibility
-        none = np.zeros((0 if flexibility is None else len(flexibility), 0))
-        return of_sides.get(side, none)
 
     @property
     def _laws(self) -> list[NormalCompliance]:

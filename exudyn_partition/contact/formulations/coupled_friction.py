@@ -22,6 +22,7 @@ from ..patch_contact import PatchContact
 from .compliance import ClosingRows, FrictionalCompliance
 from .coupled import Coupled
 
+Core = dict[tuple[int, int], Array]  # see `between.Exchange`
 _PASSES = 100
 _ONE_PLACE = 0.9  # correlation of directions of two contacts, above which they count as the same
 _SOFTER = 1e-3  # of their own flexibility: what such directions get in addition
@@ -44,22 +45,28 @@ class CoupledFriction(Coupled):
         self._versions: list[int] = []  # how often the rows between contacts were found for the problem
         self._pushing: dict[int, Any] = {}  # what the last forces on each contact push others with
 
-    def whole_flexibility(self, shares: Shares | None = None) -> Array:
-        """Flexibility of all rows of all contacts while pairs are frozen, (3 n, 3 n) [m/N], not regularised.
+    def whole_flexibility(self, shares: Shares | None = None) -> tuple[Array, list[Array], Core]:
+        """Flexibility of all rows of all contacts, (3 n, 3 n) [m/N], not regularised, and what they exchange.
 
-        Rows of contacts without friction have tangents too, which nothing moves. `shares` as in `CoupledContacts`.
+        The latter are fields of the rows of each contact, (3 nr, m), and `Exchange.core`. Rows of contacts without
+        friction have tangents too, which nothing moves. Those that follow the motion have no flexibility and no fields
+        here. `shares` as in `CoupledContacts`.
         """
         rows = [contact.rows for contact in self.contacts]
-        every = [np.arange(len(of_contact.gaps.row_nodes)) for of_contact in rows]
-        parts, fields = consecutive([3 * len(index) for index in every]), []
+        core = self._fields.core if shares is None else self._exchange.yielding(shares)
+        every, n_fields = [np.arange(len(one.gaps.row_nodes)) for one in rows], max(map(len, core.values()), default=0)
+        parts, fields = consecutive([3 * len(index) for index in every]), list[Array]()
         F = np.zeros((parts[-1].stop,) * 2)
         for j, (part, columns, contact, index) in enumerate(zip(self._parts, parts, rows, every, strict=True)):
+            if contact.gaps.moving:
+                fields.append(np.zeros((3 * len(index), n_fields)))
+                continue
             of_rows = contact.flexibility(index) if shares is None else shared_flexibility(contact, shares[j])
             F[columns, columns] = part.in_three(of_rows)
             fields.append(part.spread(self._fields.fields(j)))
-        for (j, k), S in (self._fields.core if shares is None else self._exchange.yielding(shares)).items():
+        for (j, k), S in core.items():
             F[parts[j], parts[k]] = fields[j] @ S @ fields[k].T
-        return F
+        return F, fields, dict(core)
 
     def _linearised(self, closed: Sequence[slice]) -> Callable[[int, Array], Array]:
         """See `Coupled`; unsymmetric where rows slip."""

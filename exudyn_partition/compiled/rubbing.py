@@ -1,0 +1,148 @@
+"""Contacts with friction whose rows follow the motion on rigid surfaces, as a plan has them.
+
+With friction, and in groups with a contact that has friction, rows have tangents. These follow an axis of the body, and
+with them the forces of the step before, which are kept in the body's axes. How far rows slide is the way of their
+places in space, along the present tangents. Gaps, and when the flexibility is found again, are as in `moving`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..contact.gaps import SAME as SAME_ALONE
+from ..contact.tangential import SAME as SAME_IN_THREE
+from ..contact.tangential import TangentialRows
+from ..support.arrays import Array
+from .moving import Following, Surfaces, surfaces_of
+
+
+class Rubbing(NamedTuple):
+    """The ns contacts of this kind. Their numbers are those among the contacts with friction, see `FrictionPlan`.
+
+    Parameters
+    ----------
+    surfaces : Surfaces
+    groups : (ns,) int array
+        Group of each.
+    first_axis : (ns,) int array
+        Axis of the body from which tangents are made, if no normal is nearly along it.
+    same : (ns,) array
+        Change of the normals above which the flexibility is found again.
+    links : (nl, 2) int array
+        Contacts of a group, of which at least one is of this kind, the first of which the second one moves.
+    cores : (nl,) int array
+        Where the amplitudes of the first one's fields by those of the second one begin in `numbers`, (m, m).
+    fields : (nc,) int array
+        Where the fields of the rows of each contact with friction begin there, (3 nr, m).
+    n_fields : int
+        m; zero if these contacts exchange nothing.
+    numbers : array
+    """
+
+    surfaces: Surfaces
+    groups: Array
+    first_axis: Array
+    same: Array
+    links: Array
+    cores: Array
+    fields: Array
+    n_fields: int
+    numbers: Array
+
+
+class RubbingState(NamedTuple):
+    """What changes of them in a run; loops write to it. Rows are those of all contacts with friction.
+
+    Parameters
+    ----------
+    normals : (np, 3) array
+        At the points of all these contacts.
+    place, before : (nr, 3) arrays
+        Mean place of each row's points, now and at the start of the step [m].
+    axes : (ns, 3, 3) array
+        Of the bodies.
+    axis : (ns,) int array
+        Axis from which the tangents are made.
+    anchored, anchors, along, growing
+        See `MovingState`.
+    found_axis : (ns,) int array
+        Axis of the tangents with which the present flexibility was found; -1 if it is not that of the anchor.
+    fresh : (ns,) bool array
+        Whether contacts have found another flexibility since the last sample.
+    numbers : array
+        Those of `Rubbing`; fields of moving rows are written to it.
+    """
+
+    normals: Array
+    place: Array
+    before: Array
+    axes: Array
+    axis: Array
+    anchored: Array
+    anchors: Array
+    along: Array
+    growing: Array
+    found_axis: Array
+    fresh: Array
+    numbers: Array
+
+    @classmethod
+    def of(cls, rubbing: Rubbing, n_rows: int, n: int) -> RubbingState:
+        """Room for a run with so many rows and n coordinates."""
+        ns, points = len(rubbing.groups), int(rubbing.surfaces.firsts[-1])
+        return cls(
+            np.zeros((points, 3)), np.zeros((n_rows, 3)), np.zeros((n_rows, 3)), np.tile(np.eye(3), (ns, 1, 1)),
+            np.zeros(ns, dtype=np.int64), np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((points, 3)),
+            np.zeros((ns, 12)), np.full(ns, -1), np.zeros(ns, dtype=bool), rubbing.numbers.copy(),
+        )  # fmt: skip
+
+
+def rubbing_of(
+    contacts: Sequence[Following],
+    rows: Sequence[object],
+    groups: Sequence[int],
+    fields: Sequence[Array],
+    core: Mapping[tuple[int, int], Array],
+) -> Rubbing:
+    """Put these contacts one after the other.
+
+    Parameters
+    ----------
+    contacts : sequence of Following
+        Their numbers are those among the contacts with friction.
+    rows : sequence of TangentialRows or NormalRows
+        Present rows of each.
+    groups : sequence of int
+        Group of each contact with friction.
+    fields : sequence of (3 nr, m) arrays
+        Of the rows of each contact with friction; of moving ones, room. Groups may have other m.
+    core : dict of (int, int) to (m, m) array
+        Through which contacts with friction move each other.
+    """
+    moving = {one.contact for one in contacts}
+    links = [link for link in core if moving & {*link}]
+    size = max((len(block) for block in core.values()), default=0)
+    fields = [np.pad(W, ((0, 0), (0, size - W.shape[1]))) for W in fields]
+    core = {link: np.pad(block, (0, size - len(block))) for link, block in core.items()}
+    contacts = [one._replace(fields=(_of_nodes(one, size),)) for one in contacts]
+    parts = [*(core[link] for link in links), *fields]  # room of its own for each, even if they are equal
+    numbers, places = np.concatenate([np.zeros(0), *map(np.ravel, parts)]), np.cumsum([0, *map(np.size, parts)])
+    surfaces, directed = surfaces_of(contacts), [isinstance(of_rows, TangentialRows) for of_rows in rows]
+    first = [int(abs(one.gaps.approach).argmin()) for one in contacts]
+    return Rubbing(
+        surfaces, np.array([groups[one.contact] for one in contacts], dtype=np.int64),
+        np.array(first, dtype=np.int64), np.where(directed, SAME_IN_THREE, SAME_ALONE),
+        np.array(links, dtype=np.int64).reshape(-1, 2), places[: len(links)].copy(), places[len(links) : -1].copy(),
+        size, numbers,
+    )  # fmt: skip
+
+
+def _of_nodes(one: Following, size: int) -> Array:
+    """Fields of the nodes of a contact's patch, (d k, size)."""
+    flexibility, (fields,) = one.gaps.slave.flexibility, one.fields
+    wide = np.zeros((0 if flexibility is None else len(flexibility), size))
+    wide[: len(fields), : fields.shape[1]] = fields
+    return wide

@@ -1,0 +1,34 @@
+"""Compiled runs against Exudyn's, of bodies that rub on rigid surfaces, in the random scenes of `compiled_runs`.
+
+The upper body of a scene flies at a rigid plane, sphere, cylinder or bore, in a floating frame with a random spin of
+some thousand rad/s, or in an inertial frame on a curved surface. It has friction, which falls as contact slips in every
+third scene, and flies aside with up to 0.7 of its speed. Reference, quantities and limit are those of `compiled_runs`.
+
+    python -m validation.stability.rubbing_runs [--count N] [--out FILE]
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from validation.stability import compiled_runs
+
+COUNT = 100
+
+
+def rubbing(number):
+    """A scene with friction, and some motion aside."""
+    scene, rng = compiled_runs.drawn(number), np.random.default_rng([number, 1])
+    mu = float(rng.uniform(0.05, 0.6)) if scene.friction is None else scene.friction
+    aside = np.linalg.norm(scene.velocity) * np.r_[rng.uniform(-0.7, 0.7, 2), 0.0]
+    return replace(scene, friction=mu, velocity=tuple(np.add(scene.velocity, aside).tolist()))
+
+
+def checked(seed):
+    """The row of a seed."""
+    scene = rubbing(seed)
+    return compiled_runs.row_of(seed, scene, compiled_runs.on_surface(seed, scene=scene), " on a rigid surface")
+
+
+if __name__ == "__main__":
+    compiled_runs.main(checked, COUNT, __file__, __doc__)
