@@ -234,6 +234,43 @@ def rows_on_nodes(surfaces: Surfaces, state: MovingState, s: int) -> Array:
 
 
 @inner
+def products_of(rows: Array, F: Array, on_nodes: Array, n_fields: int) -> tuple[Array, Array]:
+    """Flexibility of rows, (m, m) [m/N], and their displacements in fields, (m, n_fields).
+
+    Parameters
+    ----------
+    rows : (m, n) array
+        Rows on the values of a contact's nodes; few entries of each are not zero.
+    F : (n, n) array
+        Flexibility of the nodes [m/N].
+    on_nodes : (n n_fields,) array
+        Displacements of the nodes in the fields.
+    """
+    m, n = rows.shape
+    own, fields = np.empty((m, m)), np.zeros((m, n_fields))
+    used, ends, moved = np.empty(rows.size, np.int64), np.zeros(m + 1, np.int64), np.empty(n)
+    for row in range(m):
+        ends[row + 1] = ends[row]
+        for c in range(n):
+            moved[c] = 0.0
+            if rows[row, c] != 0.0:
+                used[ends[row + 1]] = c
+                ends[row + 1] += 1
+        for i in range(ends[row], ends[row + 1]):
+            share, place = rows[row, used[i]], used[i]
+            for c in range(n):
+                moved[c] += share * F[place, c]
+            for f in range(n_fields):
+                fields[row, f] += share * on_nodes[place * n_fields + f]
+        for other in range(row + 1):
+            total = 0.0
+            for i in range(ends[other], ends[other + 1]):
+                total += rows[other, used[i]] * moved[used[i]]
+            own[row, other], own[other, row] = total, total
+    return own, fields
+
+
+@inner
 def find_flexibility(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int) -> None:
     """Set flexibility and fields of the rows of a moving contact, as they are at its anchor."""
     k, _, _, nr, _, d, n_fields = sizes_of(surfaces, s)
@@ -241,29 +278,46 @@ def find_flexibility(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState,
     F, on_nodes = matrix_at(surfaces.numbers, surfaces.flexibility[s], n, n), surfaces.numbers[surfaces.fields[s] :]
     own, start = matrix_at(blocks.numbers, blocks.own[j], nr, nr), blocks.starts[j]
     fields = matrix_at(blocks.numbers, blocks.fields[j], n_fields, nr)
-    used, ends, moved = np.empty(nr * n, np.int64), np.zeros(nr + 1, np.int64), np.empty(n)
-    for row in range(nr):  # few entries of a row are not zero
-        ends[row + 1] = ends[row]
-        for c in range(n):
-            moved[c] = 0.0
-            if rows[row, c] != 0.0:
-                used[ends[row + 1]] = c
-                ends[row + 1] += 1
+    of_rows, moved = products_of(rows, F, on_nodes, n_fields)
+    for row in range(nr):
+        for other in range(nr):
+            own[row, other] = of_rows[row, other]
         for f in range(n_fields):
-            fields[f, row] = 0.0
-        for i in range(ends[row], ends[row + 1]):
-            share, place = rows[row, used[i]], used[i]
-            for c in range(n):
-                moved[c] += share * F[place, c]
-            for f in range(n_fields):
-                fields[f, row] += share * on_nodes[place * n_fields + f]
-        for other in range(row + 1):
-            total = 0.0
-            for i in range(ends[other], ends[other + 1]):
-                total += rows[other, used[i]] * moved[used[i]]
-            own[row, other], own[other, row] = total, total
+            fields[f, row] = moved[row, f]
         state.diagonal[start + row] = own[row, row]
     state.found[s], blocks.n_closed[j], state.added[s] = True, -1, -1.0
+
+
+@inner
+def renew_anchor(
+    surfaces: Surfaces, state: MovingState, s: int, q: Array, normals: Array, kept: tuple[Array, Array, Array],
+    anchored: bool, same: float,
+) -> bool:  # fmt: skip
+    """Let a contact's anchor be where it is now, if it has none, or if normals have changed by more than `same` since.
+
+    Return whether the anchor is new. Normals count in the body's axes: `kept` are these, coordinates and growth at the
+    anchors, `normals` present ones in space, at all points.
+    """
+    along, anchors, growths = kept
+    first, end, b, d = surfaces.firsts[s], surfaces.firsts[s + 1], surfaces.body[s], surfaces.sizes[s, 5]
+    here, most = np.empty((end - first, d)), 0.0 if anchored else np.inf
+    if d > 1:
+        q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
+        set_along(side_at(surfaces, s).nodes, normals[first:end], q_s, here)
+        for i in range(first, end):
+            for a in range(3):
+                most = max(most, abs(here[i - first, a] - along[i, a]))
+    if most <= same:
+        return False
+    for i in range(len(q)):
+        anchors[s, i] = q[i]
+    for c in range(6):
+        growths[s, c] = state.products[b, c] if b >= 0 else 0.0
+    if d > 1:
+        for i in range(first, end):
+            for a in range(3):
+                along[i, a] = here[i - first, a]
+    return True
 
 
 @inner
@@ -272,25 +326,9 @@ def anchor_surface(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s
 
     Return whether it was found.
     """
-    first, end, b, d = surfaces.firsts[s], surfaces.firsts[s + 1], surfaces.body[s], surfaces.sizes[s, 5]
-    here = np.empty((end - first, d))
-    most = 0.0 if state.anchored[s] else np.inf
-    if d > 1:
-        q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
-        set_along(side_at(surfaces, s).nodes, state.normals[first:end], q_s, here)
-        for i in range(first, end):
-            for a in range(3):
-                most = max(most, abs(here[i - first, a] - state.along[i, a]))
-    if not most <= same:
+    kept = state.along, state.anchors, state.growing
+    if renew_anchor(surfaces, state, s, q, state.normals, kept, state.anchored[s], same):
         state.anchored[s], state.fresh[s], state.found[s] = True, True, False
-        for i in range(len(q)):
-            state.anchors[s, i] = q[i]
-        for c in range(6):
-            state.growing[s, c] = state.products[b, c] if b >= 0 else 0.0
-        if d > 1:
-            for i in range(first, end):
-                for a in range(3):
-                    state.along[i, a] = here[i - first, a]
     if state.found[s]:
         return False
     find_flexibility(blocks, surfaces, state, s)

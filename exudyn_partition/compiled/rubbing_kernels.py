@@ -19,8 +19,8 @@ from ..frames.node_kernels import act
 from ..support.arrays import Array
 from ..support.compiled import called, inner
 from .body_kernels import gathered
-from .moving_kernels import RigidSide, address, flat_surfaces, side_at
-from .pair_kernels import growing, set_along
+from .moving_kernels import RigidSide, address, flat_surfaces, products_of, renew_anchor, side_at
+from .pair_kernels import growing
 from .rough_kernels import Rubs, rubs
 
 if TYPE_CHECKING:
@@ -136,33 +136,11 @@ def anchor_rubbing(f: Friction, r: Rubs | None, state: MovingState, g: int, q: A
     if r is not None:
         for s in range(len(r.groups)):
             if r.groups[s] == g:
-                anchor_contact(r, state, s, q)
+                kept = r.along, r.anchors, r.growing
+                if renew_anchor(r.surfaces, state, s, q, r.normals, kept, r.anchored[s], r.same[s]):
+                    r.anchored[s], r.found_axis[s] = True, -1
                 if r.found_axis[s] != r.axis[s]:
                     find_flexibility(f, r, s)
-
-
-@inner
-def anchor_contact(r: Rubs, state: MovingState, s: int, q: Array) -> None:
-    """Take the present place of a contact as its anchor, if normals have changed so far."""
-    surfaces, most = r.surfaces, 0.0 if r.anchored[s] else np.inf
-    first, end, d, b = surfaces.firsts[s], surfaces.firsts[s + 1], surfaces.sizes[s, 5], surfaces.body[s]
-    here = np.empty((end - first, d))
-    if d > 1:
-        q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
-        set_along(side_at(surfaces, s).nodes, r.normals[first:end], q_s, here)
-        for i in range(first, end):
-            for a in range(3):
-                most = max(most, abs(here[i - first, a] - r.along[i, a]))
-    if not most <= r.same[s]:
-        r.anchored[s], r.found_axis[s] = True, -1
-        for i in range(len(q)):
-            r.anchors[s, i] = q[i]
-        for c in range(6):
-            r.growing[s, c] = state.products[b, c] if b >= 0 else 0.0
-        if d > 1:
-            for i in range(first, end):
-                for a in range(3):
-                    r.along[i, a] = here[i - first, a]
 
 
 @inner
@@ -199,29 +177,14 @@ def find_flexibility(f: Friction, r: Rubs, s: int) -> None:
     own, n, m = matrix_at(f.flexible, f.F_starts[g], size, size), rows.shape[1], r.n_fields
     F, on_nodes = matrix_at(surfaces.numbers, surfaces.flexibility[s], n, n), surfaces.numbers[surfaces.fields[s] :]
     fields, d, trace = matrix_at(r.numbers, r.fields[j], 3 * (end - first), m), 3 if f.frictional[j] else 1, 0.0
-    used, ends, moved = np.empty(rows.size, np.int64), np.zeros(len(rows) + 1, np.int64), np.empty(n)
-    for row in range(len(rows)):  # few entries of a row are not zero
+    of_rows, moved = products_of(rows, F, on_nodes, m)
+    for row in range(len(rows)):
         place = 3 * (row // d) + row % d
         at = 3 * (first - top) + place
-        ends[row + 1] = ends[row]
-        for c in range(n):
-            moved[c] = 0.0
-            if rows[row, c] != 0.0:
-                used[ends[row + 1]] = c
-                ends[row + 1] += 1
         for c in range(m):
-            fields[place, c] = 0.0
-        for i in range(ends[row], ends[row + 1]):
-            share, node = rows[row, used[i]], used[i]
-            for c in range(n):
-                moved[c] += share * F[node, c]
-            for c in range(m):
-                fields[place, c] += share * on_nodes[node * m + c]
-        for other in range(row + 1):
-            total, to = 0.0, 3 * (first - top) + 3 * (other // d) + other % d
-            for i in range(ends[other], ends[other + 1]):
-                total += rows[other, used[i]] * moved[used[i]]
-            own[at, to], own[to, at] = total, total
+            fields[place, c] = moved[row, c]
+        for other in range(len(rows)):
+            own[at, 3 * (first - top) + 3 * (other // d) + other % d] = of_rows[row, other]
         trace += own[at, at]
     for i in range(3 * (first - top), 3 * (end - top)):  # nothing moves a row without friction along tangents
         if d == 1 and i % 3 > 0:
