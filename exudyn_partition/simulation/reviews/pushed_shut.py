@@ -1,8 +1,8 @@
 """Rows that forces push shut, and that nobody follows: they have no force, though surfaces lie in each other there.
 
-Where contact slides, rows are followed as far as forces may push them shut. Of skins on demand, of contacts on a common
-body, and of patches of one body this distance is a guess, see `PatchGaps.follow_pushed`. At some samples,
-this looks at all rows, with the nodes where all forces move them: no row without a force may be deep.
+Where contact slides, rows are followed as far as forces may push them shut. For skins on demand, contacts on a common
+body, and patches of one body this distance is a guess, see `PatchGaps.follow_pushed`. At some samples, this
+review looks at all rows, with the nodes where all forces move them: no row without a force may be deep.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ from ..result import called, when
 from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
 
 _SAMPLES = 8  # that are looked at
-_DEEP = 0.25  # depth of a row without force, by that of the deepest row without flexibility; a tenth is at edges
+_DEEP = 0.25  # depth of a row without force by the largest depth without flexibility; near edges, 0.1 is usual
 
 
 def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
-    """Contacts in which forces push rows shut further than it was guessed."""
+    """Contacts in which forces push rows shut further than it was guessed; not those with dents, which open rows."""
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
         guessed = isinstance(gaps, PatchGaps) and gaps.guesses(shared=len(history.contact.group) > 1)
-        if guessed and history.contact.mechanics.law.residual and history.force.any():
+        elastic = history.contact.mechanics.law.residual and history.contact.mechanics.zones is None
+        if guessed and elastic and history.force.any():
             yield from _not_followed(run, history)
 
 
@@ -59,9 +60,10 @@ def _depth_without_row(run: ReviewedRun, history: ContactHistory, sample: int) -
     if not gaps.moving:  # then all rows are present
         return 0.0
     try:
-        nodes, gap = gaps.gaps_of_all(q, _displacements(run, contact, sample))
+        ways = _displacements(run, contact, sample)
     except InputError:  # forces on nodes are not known
         return 0.0
+    nodes, gap = gaps.gaps_of_all(q, ways)
     closed, forces = history.rows.at_sample(sample)
     return -float(gap[~np.isin(nodes, closed[forces > 0.0])].min(initial=0.0))
 
@@ -87,6 +89,8 @@ def _displacements(run: ReviewedRun, contact: PartitionContact, sample: int) -> 
 def _moved(item: PartitionBody, patch: int, side: Side, pushed: dict[tuple[PartitionBody, int], Array]) -> Array:
     """Ways of the nodes of a patch by forces on the nodes of all patches of its body, (np, 3) [m]."""
     body = item.body
+    if side.flexibility is None:  # its nodes move by coordinates alone
+        return np.zeros((len(side.surface.points), 3))
     along, total = _directions(item, patch, side), np.zeros(len(side.surface.points) * (1 if side.normal_only else 3))
     for (other, number), forces in pushed.items():
         if other == item:
