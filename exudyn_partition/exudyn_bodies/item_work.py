@@ -52,11 +52,11 @@ class WorkSensor:
         Raises
         ------
         InputError
-            If the result is of another model, or of statics, where nothing has a velocity.
+            If the result is of another model, or of statics, whose load steps are no motion.
         """
         validate_result(result)
         if result.method == "static":
-            raise InputError("result: expected one of dynamics; a static answer has no velocities, and so no power")
+            raise InputError("result: expected one of dynamics, got one of statics, whose load steps are no motion")
         work = result.sensor_of(self, self.number)
         return dict(zip(self.names, (work - work[0]).T, strict=True))
 
