@@ -58,7 +58,7 @@ _log = logging.getLogger(__name__)
 _NEUTRAL = 1e-6  # share of f_cut: only round-off holds a motion with a lower frequency
 _LEAST_MASS = 1e-12  # share of the mean on the diagonal
 _MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is this share of a facet
-_STANDING = 1e-6  # the same of bodies that have tipped: friction holds what comes to rest from deeper as in a wedge
+_STANDING = 1e-6  # the same of bodies that have tipped: from deeper places, friction would hold them as in a wedge
 # Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
 _MOORINGS, _SLACK = (1.0,) * 6, 1e-9
 _STIFFER = 1e4, 1e2  # times their stiffness, at first, for a body that finds no rest where it has fallen
