@@ -15,6 +15,7 @@ from ...contact.patch_gaps import PatchGaps
 from ...contact.side import Side
 from ...errors import InputError
 from ...exudyn_bodies.partition_body import PartitionBody
+from ...exudyn_contacts.contact_samples import growing_at
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
 from ..result import called, when
@@ -56,6 +57,7 @@ def _depth_without_row(run: ReviewedRun, history: ContactHistory, sample: int) -
     q = np.concatenate([run.body(item).q[sample] for item, _ in contact.sides])
     gaps = contact.mechanics.gaps.fresh()
     assert isinstance(gaps, PatchGaps)
+    gaps.grow(growing_at(contact.sides, run.result)(sample))
     gaps.at(q)
     if not gaps.moving:  # then all rows are present
         return 0.0
