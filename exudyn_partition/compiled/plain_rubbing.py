@@ -124,14 +124,14 @@ class PlainRubbing:
 
     def _at_anchor(self, one: PlainSurface) -> Array:
         """See `rubbing_kernels.rows_at_anchor`."""
-        along, nr = self._state.along[one.points] if one.d > 1 else np.full((len(one.on_points), 1), -1.0), one.mean
-        normal = np.einsum("rp,pk,pa->rka", nr, one.on_points, along)
+        along = self._state.along[one.points] if one.d > 1 else np.full((len(one.on_points), 1), -1.0)
+        normal, nr = np.einsum("rp,pk,pa->rka", one.mean, one.on_points, along), len(one.mean)
         if not self._flat.frictional[one.contact]:
-            return np.asarray(normal.reshape(len(nr), -1))
-        tangents, _ = tangents_of(nr @ along, np.eye(3)[self._state.axis[one.s]])
-        carried = np.asarray(nr @ one.on_points)
+            return np.asarray(normal.reshape(nr, -1))
+        tangents, _ = tangents_of(one.mean @ along, np.eye(3)[self._state.axis[one.s]])
+        carried = np.asarray(one.mean @ one.on_points)
         rows = np.concatenate([normal[:, None], carried[:, None, :, None] * tangents[:, :, None]], axis=1)
-        return np.asarray(rows.reshape(3 * len(nr), -1))
+        return np.asarray(rows.reshape(3 * nr, -1))
 
     def push(self, f: FrictionState, q: Array, force: Array) -> None:
         """See `rubbing_kernels.push_rubbing`."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..contact.gaps import SAME as SAME_ALONE
+from ..contact.normal_rows import NormalRows
 from ..contact.tangential import SAME as SAME_IN_THREE
 from ..contact.tangential import TangentialRows
 from ..support.arrays import Array
@@ -102,7 +103,7 @@ class RubbingState(NamedTuple):
 
 def rubbing_of(
     contacts: Sequence[Following],
-    rows: Sequence[object],
+    rows: Sequence[NormalRows | TangentialRows],
     groups: Sequence[int],
     fields: Sequence[Array],
     core: Mapping[tuple[int, int], Array],
@@ -113,7 +114,7 @@ def rubbing_of(
     ----------
     contacts : sequence of Following
         Their numbers are those among the contacts with friction.
-    rows : sequence of TangentialRows or NormalRows
+    rows : sequence of NormalRows or TangentialRows
         Present rows of each.
     groups : sequence of int
         Group of each contact with friction.

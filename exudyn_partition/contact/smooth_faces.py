@@ -156,7 +156,7 @@ class SmoothFace:
             return 0.0
         corners = self.points[facet_corners(self.facets)]
         longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
-        radius = self.surface.least_radius  # of a facet with a corner at most longest / sqrt(3) from each place
+        radius = self.surface.least_radius  # each place of a facet is at most longest / sqrt(3) from a corner
         return radius - math.sqrt(max(radius**2 - longest**2 / 3, 0.0))
 
     @cached_property

@@ -232,13 +232,13 @@ class _Skin(NamedTuple):
     starts, first, second : (nf, 3) arrays
         First corner of each, and its edges from there [m].
     facing : (nf, 3) array
-        Outward normals, of the length
+        Outward normals, as long as twice the area of each [m2].
     sizes : (nf,) array
-        [m2].
+        Their lengths [m2].
     middles : (nf, 3) array
-        [m]
+        Means of the corners [m].
     squares : (nf,) array
-        Squares of the largest distances of corners from these [m2], a little larger than that.
+        Squares of the largest distances of corners from the middles, rounded up [m2].
     """
 
     points: Array

@@ -195,7 +195,7 @@ class SpotGaps(Gaps):
             if touches or (alone and side.kinematics.linear and not side.surface.wanders):
                 maker.check(spot)
             if touches or alone:
-                _ = rows.contact  # is one at a point
+                _ = rows.contact  # raises an error if surfaces touch along a line
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)
         covered = all(spot.covered for spot in rows.spots) and not self._behind(stage.meeting, rows)

@@ -129,7 +129,7 @@ class BodyResults(Item[ItemIndex]):
             If `fem` is not given, and the missing part is estimated as more than 2 % of the history.
         """
         point = validate_vector("point", point)
-        nodes, weights = self.nodes_around(point)
+        nodes, weights = nodes_around(self.body, point)
         q, around = self.coordinates(result), self.kinematics.at(nodes)
         kept: Array = weights @ around.displacements(q)
         grown = around.grown(self.coordinates_t(result))
@@ -152,7 +152,7 @@ class BodyResults(Item[ItemIndex]):
         """
         point = validate_vector("point", point)
         q, q_t = self.coordinates(result), self.coordinates_t(result)
-        nodes, weights = self.nodes_around(point)
+        nodes, weights = nodes_around(self.body, point)
         kept: Array = weights @ self.kinematics.at(nodes).velocities(q, q_t)
         if fem is not None:
             check_static(self.body, fem)
@@ -178,7 +178,7 @@ class BodyResults(Item[ItemIndex]):
         InputError
             If the point is not on or in the body.
         """
-        nodes, weights = self.nodes_around(validate_vector("point", point))
+        nodes, weights = nodes_around(self.body, validate_vector("point", point))
         rows = self.body.rows(nodes)
         dense = rows if isinstance(rows, np.ndarray) else rows.toarray()
         return np.tensordot(weights, dense.reshape(len(nodes), 3, -1), axes=1)
@@ -303,11 +303,12 @@ class BodyResults(Item[ItemIndex]):
             raise InputError(f"q: expected an array of floats of shape (n, {self.body.n_dofs}), got {got}")
         return q
 
-    def nodes_around(self, point: Array) -> tuple[Array, Array]:
-        """Nodes around a point, (k,), and weights, (k,); of a body without its inside, only nodes on its surface."""
-        self.body.check_nodes(np.array([self.body.nearest_node(point)]))
-        known = self.body.basis.shape_nodes
-        if known is None:
-            return interpolation(self.body.points, point)
-        nodes, weights = interpolation(self.body.points[known], point)
-        return known[nodes], weights
+
+def nodes_around(body: ReducedBody, point: Array) -> tuple[Array, Array]:
+    """Nodes around a point, (k,), and weights, (k,); of a body without its inside, only nodes on its surface."""
+    body.check_nodes(np.array([body.nearest_node(point)]))
+    known = body.basis.shape_nodes
+    if known is None:
+        return interpolation(body.points, point)
+    nodes, weights = interpolation(body.points[known], point)
+    return known[nodes], weights

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,11 +52,11 @@ class WorkSensor:
         Raises
         ------
         InputError
-            If the result is of another model, or of statics, where nothing has a velocity.
+            If the result is of another model, or of statics, whose load steps are no motion.
         """
         validate_result(result)
         if result.method == "static":
-            raise InputError("result: expected one of dynamics; a static answer has no velocities, and so no power")
+            raise InputError("result: expected one of dynamics, got one of statics, whose load steps are no motion")
         work = result.sensor_of(self, self.number)
         return dict(zip(self.names, (work - work[0]).T, strict=True))
 
@@ -87,7 +87,8 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
         raise InputError("mbs: the model has a work sensor already, which knows the items that were there then")
     if not registry.bodies:
         raise InputError("mbs: expected a model with partition bodies; call CreatePartitionBody first")
-    names = _unlike([name for name, _ in _forces(mbs, registry)])
+    heavy = {number for number, item in registry.bodies.items() if _own_force(mbs, item).any()}
+    names = _unlike([name for name, _ in _forces(mbs, registry, heavy)])
     if not names:
         raise InputError("mbs: expected joints, springs or loads on partition bodies; add them before this sensor")
     time, work, start = np.inf, np.zeros(len(names)), np.zeros(0)
@@ -96,7 +97,7 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
     def sample(mbs: MainSystem, t: float, *unused: object) -> Array:
         nonlocal time, work, start, forces, before
         if t <= time:  # another run: items have other numbers now if some were deleted
-            forces = _known(mbs, registry, names)
+            forces = _known(mbs, registry, heavy, names)
         q, now = mbs.systemData.GetODE2Coordinates(), [force(mbs) for force in forces]
         if t < time:
             work, start, before = np.zeros(len(forces)), q, now
@@ -111,14 +112,14 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
     return sensor
 
 
-def _forces(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
-    """Name and force of each item that acts on the bodies."""
-    return [*_weights(mbs, registry), *_forces_of_objects(mbs, registry), *_forces_of_loads(mbs, registry)]
+def _forces(mbs: MainSystem, registry: Registry, heavy: Set[int]) -> list[tuple[str, Force]]:
+    """Name and force of each item that acts on the bodies, of which those of numbers `heavy` have gravity."""
+    return [*_weights(mbs, registry, heavy), *_forces_of_objects(mbs, registry), *_forces_of_loads(mbs, registry)]
 
 
-def _known(mbs: MainSystem, registry: Registry, names: tuple[str, ...]) -> list[Force]:
+def _known(mbs: MainSystem, registry: Registry, heavy: Set[int], names: tuple[str, ...]) -> list[Force]:
     """Forces of the items with these names, which are to be all that act on the bodies."""
-    forces = _forces(mbs, registry)
+    forces = _forces(mbs, registry, heavy)
     present = _unlike([name for name, _ in forces])
     if present != names:
         raise RunError(
@@ -146,16 +147,24 @@ def _unlike(names: list[str]) -> tuple[str, ...]:
     return tuple(unlike)
 
 
-def _weights(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:
-    """Name and constant force of each body's own object: gravity."""
+def _own_force(mbs: MainSystem, item: BodyItem) -> Array:
+    """Constant force of a body's own object, (n_dofs,)."""
+    return np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
+
+
+def _weights(mbs: MainSystem, registry: Registry, heavy: Set[int]) -> list[tuple[str, Force]]:
+    """Name and constant force of each body's own object: gravity.
+
+    Those of the numbers `heavy` are there also while they have none, as what flies while others settle.
+    """
 
     def of_body(item: BodyItem, given: Array) -> Force:
         return lambda mbs: (dofs_of(mbs, item), given)
 
     terms = []
     for number, item in registry.bodies.items():
-        force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
-        if force.any():
+        force = _own_force(mbs, item)
+        if number in heavy or force.any():
             terms.append((f"gravity on {item.name or f'body {number}'}", of_body(item, force)))
     return terms
 
@@ -296,7 +305,7 @@ class Others:
         registry = registered(mbs)
         acted_on, held, not_told, driven = set[int](), set[int](), [], False
         for number, item in registry.bodies.items():
-            force = np.asarray(mbs.GetObjectParameter(item["oGenericODE2"], "forceVector"), dtype=float)
+            force = _own_force(mbs, item)
             expected = np.zeros(len(force)) if item.weight is None else item.weight
             if not np.array_equal(force, expected):
                 acted_on.add(id(item))

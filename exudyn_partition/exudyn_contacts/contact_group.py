@@ -77,7 +77,7 @@ class ContactGroup:
         largest._together = None
 
 
-def in_groups(contacts: Iterable[Any]) -> list[list[Any]]:
+def groups_of(contacts: Iterable[Any]) -> list[list[Any]]:
     """Members of the groups to which contacts belong, each group once."""
     return [group.members for group in dict.fromkeys(contact.joined for contact in contacts)]
 

@@ -19,7 +19,7 @@ from ..support.arrays import Array
 from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContainer, NodeIndex, ObjectIndex
 from ..support.optional import require
 from ..support.warn import warn
-from .contact_group import in_groups
+from .contact_group import groups_of
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .model_run import ModelRun, Runs
@@ -135,7 +135,7 @@ def _of_stuck(model: ModelRun, stuck: Sequence[ModelContact], by_q: float) -> It
 
     Without the stiffness between them, a load on one would seem to open others of its bodies by a little.
     """
-    for group in in_groups(stuck):
+    for group in groups_of(stuck):
         runs = [model.contact_run(contact) for contact in group]
         places = [place for place, contact in enumerate(group) if contact in stuck]
         for (j, k), K in model.group_run(group[0]).closed_stiffness(places).items():
@@ -168,7 +168,7 @@ def _of_groups(
 
     Those that are `stuck` are left out.
     """
-    for group in in_groups(contacts):
+    for group in groups_of(contacts):
         runs = [model.contact_run(contact) for contact in group]
         acting = [place for place, contact in enumerate(group) if contact not in stuck]
         closed = {

@@ -231,6 +231,8 @@ def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
     held, runs = registered(mbs), runs_of(mbs)
     contact, mechanics = PartitionContact(plan), plan.mechanics
     groups = groups_to_join(contact, held.contacts_on(item for item, _ in contact.sides))
+    if not groups:  # its loops are compiled now, and not in the first run
+        contact.joined.together  # noqa: B018 - the property keeps its value
     if mechanics.ahead:
         _chain_steps(mbs, runs)
     contact["oContact"] = add_to_object(mbs, contact, runs)
@@ -246,8 +248,6 @@ def _build(mbs: MainSystem, plan: ContactPlan) -> PartitionContact:
         contact["sPlastic"] = _add_sensor(mbs, runs, contact, ContactRun.plastic_values)
     if groups:
         contact.joined.join(groups)
-    else:  # its loops are compiled now, and not in the first run
-        contact.joined.together  # noqa: B018 - the property keeps its value
     held.enter_contact(int(contact["sForce"]), contact)
     kind = type(mechanics.law).__name__
     _log.info("contact %r: %s with %s rows, in a group of %s", plan.name, kind, contact.n_rows, len(contact.group))

@@ -220,7 +220,7 @@ class CoupledRun(GroupRun):
     def at_start(self, mbs: MainSystem, t: float, q: Array) -> bool:
         """See `GroupRun`; multipliers are no such group."""
         self._known_at = None
-        if all([member.has_begun(t) for member in self.members]):
+        if all([member.has_begun(t) for member in self._awake]):  # others know of no step
             self._find(mbs, t, q)
         return True
 

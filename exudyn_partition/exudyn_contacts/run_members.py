@@ -18,7 +18,7 @@ from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSystem
 from .central_differences import MultiplierStep
-from .contact_group import in_groups
+from .contact_group import groups_of
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .group_run import CoupledRun, GroupRun
@@ -145,7 +145,7 @@ def _place_of_values(mbs: MainSystem, contact: ModelContact, node: str) -> int |
 def _groups(contacts: Sequence[ModelContact], runs: Sequence[ContactRun], method: Method) -> Iterator[GroupRun]:
     """Contacts that are solved together, or each of the others alone."""
     run_of = {id(contact): run for contact, run in zip(contacts, runs, strict=True)}
-    for group in in_groups(contacts):
+    for group in groups_of(contacts):
         members = [run_of[id(contact)] for contact in group]
         together = group[0].together.for_run([member.mechanics for member in members])
         if isinstance(together, Coupled):

@@ -59,8 +59,8 @@ class FrictionGroups:
         """State of a contact at the end of a step."""
         mechanics = member.mechanics
         gaps, turning = mechanics.gaps, member.coordinates_in(end.v if end.turning is None else end.turning)
-        of_sides = np.split(turning, np.cumsum([side.n for side in gaps.sides])[:-1])
-        gaps.grow([side.kinematics.growing(part) for side, part in zip(gaps.sides, of_sides, strict=True)])
+        parts = zip(gaps.sides, gaps.sides.split(turning), strict=True)
+        gaps.grow([side.kinematics.growing(part) for side, part in parts])
         gaps.at(member.coordinates_in(end.q))
         return ContactState(
             mechanics.gaps.after(), self._memory(j, member, memory), mechanics.state.creep, opening=mechanics.opening,

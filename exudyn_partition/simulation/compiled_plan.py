@@ -43,7 +43,7 @@ from ..errors import CompiledRunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
 from ..exudyn_bodies.model import dofs_of, registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_contacts.contact_group import in_groups as groups_of
+from ..exudyn_contacts.contact_group import groups_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.damping import ModeDamping
 from ..frames.floating import FloatingKinematics

@@ -129,10 +129,10 @@ def solve_dynamic(
         "compiled" makes the same explicit steps in one loop, without Exudyn and without Python between steps, several
         times faster. The result is the same up to round-off. It holds less: partition bodies, their contacts by
         compliance with each other and with rigid planes, spheres and cylinders, gravity, constant loads on coordinates
-        and damping of modes; friction only in inertial frames, and on planes among rigid surfaces. Where pairs of two
-        bodies begin to slide with friction, or with `adaptive` in inertial frames, it stops, and Exudyn may go on from
-        there. Adaptive steps in free flight are chosen one by one, and cost as much as Exudyn's. Without numba it is
-        slow.
+        and damping of modes; friction on these surfaces, and of bodies in inertial frames with each other. Where pairs
+        of two bodies begin to slide with friction, or with `adaptive` in inertial frames, it stops, and Exudyn may go
+        on from there. Adaptive steps in free flight are chosen one by one, and cost as much as Exudyn's. Without numba
+        it is slow.
     progress : callable, optional
         Called with the share done, 0 to 1: a hundred times, and each second where steps are slow. Default: a bar on the
         terminal, or lines elsewhere, if it takes long; a run of more than some ten seconds says ahead how long.

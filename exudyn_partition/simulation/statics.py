@@ -58,7 +58,7 @@ _log = logging.getLogger(__name__)
 _NEUTRAL = 1e-6  # share of f_cut: only round-off holds a motion with a lower frequency
 _LEAST_MASS = 1e-12  # share of the mean on the diagonal
 _MOST_FALLS, _TOUCHING = 30, 1e-4  # bodies fall in steps until their gap is this share of a facet
-_STANDING = 1e-6  # the same of bodies that have tipped: friction holds what comes to rest from deeper as in a wedge
+_STANDING = 1e-6  # the same of bodies that have tipped: from deeper places, friction would hold them as in a wedge
 # Springs that hold a resting body begin anew where it has come to rest, until their pull is this share of its weight.
 _MOORINGS, _SLACK = (1.0,) * 6, 1e-9
 _STIFFER = 1e4, 1e2  # times their stiffness, at first, for a body that finds no rest where it has fallen
@@ -287,23 +287,31 @@ def _rest(
     RunError
         That of the first of these, if none is a rest.
     """
-    refused, tried = None, [fallen]
-    for slides in (None, False, True):
-        start = fallen if slides is None else _standing(mbs, fallen, falling, contacts, slides)
-        if start is None or (slides is not None and any(np.array_equal(start, other) for other in tried)):
-            continue
-        tried.append(start)
-        moorings = _MOORINGS if slides is None else (*_STIFFER, *_MOORINGS)
+    refused = None
+    for moved, start, moorings in _starts(mbs, fallen, falling, contacts):
         try:
             found = _rested(mbs, start, [*falling], moorings, **options)
             _refuse_pulled({item: _pull(mbs, item, found.rest - found.before) for item in falling})
         except RunError as error:
-            _log.info("no rest where bodies have %s: %s", "fallen" if slides is None else "tipped", error)
+            _log.info("no rest where bodies have %s: %s", moved, error)
             refused = refused or error
         else:
             return found
     assert refused is not None
     raise refused
+
+
+def _starts(
+    mbs: MainSystem, fallen: Array, falling: Mapping[PartitionBody, Array], contacts: Sequence[PartitionContact]
+) -> Iterator[tuple[str, Array, Sequence[float]]]:
+    """Where bodies may find rest: how they have moved there, coordinates, (nq,), and springs, see `_rested`."""
+    yield "fallen", fallen, _MOORINGS
+    tried = [fallen]
+    for slides in (False, True):
+        start = _standing(mbs, fallen, falling, contacts, slides=slides)
+        if start is not None and not any(np.array_equal(start, other) for other in tried):
+            tried.append(start)
+            yield "moved aside" if slides else "tipped", start, (*_STIFFER, *_MOORINGS)
 
 
 def _refuse_pulled(pulls: Mapping[PartitionBody, float]) -> None:
@@ -397,9 +405,10 @@ def _standing(
     q: Array,
     falling: Mapping[PartitionBody, Array],
     contacts: Sequence[PartitionContact],
+    *,
     slides: bool,
 ) -> Array | None:
-    """Coordinates, (nq,), to which bodies that have fallen tip, see `tipping`; None if they do not."""
+    """Coordinates, (nq,), to which bodies that have fallen tip or move aside, see `tipped`; None if they do not."""
     touching = _STANDING * min((contact.slave_facet_size for contact in contacts), default=1.0)
     return tipped(mbs, q, falling, contacts, {item: _pendulum(item) for item in falling}, touching, slides=slides)
 

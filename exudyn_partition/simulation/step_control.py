@@ -128,6 +128,8 @@ def impact_step(contact: PartitionContact, q: Array, q_t: Array, q_tt: Array, li
         return math.inf
     # Rows that follow the motion are few: forces need only these. A deep impact closes all rows that can touch next.
     gap = mechanics.gaps.widen(q)
+    if not len(gap):  # patches are far apart, or face away from each other
+        return math.inf
     H = dense(mechanics.gaps.jacobian(np.arange(len(gap))))
     rate = H @ (q_t + time * q_tt)
     touching = gap + time * (H @ q_t) + 0.5 * time**2 * (H @ q_tt)

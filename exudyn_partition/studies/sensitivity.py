@@ -19,6 +19,7 @@ from ..compiled.run import EqualSteps, Histories, run
 from ..compiled.start import Start
 from ..contact.linear_gaps import FlatRows
 from ..errors import CompiledRunError, InputError, RunError
+from ..exudyn_bodies.body_results import nodes_around
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -335,7 +336,7 @@ def _velocity(item: PartitionBody, direction: Array, point: Array | None) -> Cal
         return _linear(zero, direction @ (mean if point is None else item.velocity_rows(point)))
     if point is None:
         return _linear(zero, np.r_[direction, zero[3:]])
-    nodes, weights = item.nodes_around(point)
+    nodes, weights = nodes_around(item.body, point)
     return functools.partial(kinematics.at(nodes).velocity_along, weights=weights, direction=direction)
 
 

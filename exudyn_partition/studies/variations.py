@@ -277,7 +277,9 @@ class Entries:
         start, (rigid, pairs, rubbing) = replace(self._start, q=q, v=v), self._following
         if not placed:
             return start
-        rubs = start.rubbing and replace(anchors_at(rubbing, q), anchored=start.rubbing.anchored)  # with friction: none
+        rubs = start.rubbing
+        if rubs is not None:  # with friction, a placed contact has no anchor before its rows first push
+            rubs = replace(anchors_at(rubbing, q), anchored=rubs.anchored)
         return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q), rubbing=rubs)
 
 

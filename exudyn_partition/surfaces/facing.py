@@ -18,7 +18,7 @@ LOCALLY, ALONG_LINE = 0.5, 0.9  # points meet if the cosine between their normal
 # master's inward normal is above
 PENETRATION_TOLERANCE = 1e-4  # of a facet's size: round-off and the faceting of curved surfaces
 _BESIDE = 1e-6  # of a facet's size: round-off of a point that lies on the face beside an edge
-_NEARLY = 0.4  # the cosine for facets that may be in front of points
+_NEARLY = 0.4  # as LOCALLY, of points' normals that are rounded to tenths
 _AROUND = 24  # facets that are tried for points beside a sharp edge, nearest centroids first
 
 

@@ -23,7 +23,7 @@ FOLLOWED = 2e-6  # of a facet: how far a point may pass its edge
 AS_NEAR = 1e-8  # of a facet's size: difference of distances that are the same
 BESIDE = 4.0  # of FOLLOWED: within it, other facets may have the point
 _SHARP = 0.5  # sine of the angle between normals on both sides, above which an edge is sharp
-_SKEW = 2.0  # of the distance from an edge, that of a point off the surface by the angle there and the facet's size
+_SKEW = 2.0  # by angle and height above the surface: distance from an edge within which both facets may have a point
 
 
 @dataclass(frozen=True, eq=False)

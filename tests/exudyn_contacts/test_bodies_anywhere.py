@@ -11,9 +11,10 @@ import exudyn_partition as ep
 from exudyn_partition.contact.landings import stiffest_landing
 from exudyn_partition.contact.patch_contact import PatchContact
 from exudyn_partition.contact.side import Side
-from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError
+from exudyn_partition.errors import EmptyRegionError, InputError, PenetrationError, RunError
 from exudyn_partition.exudyn_contacts.broad_phase import BroadPhase, motion_bound
 from exudyn_partition.exudyn_contacts.contact_pairs import is_skin
+from exudyn_partition.exudyn_contacts.model_run import ModelRun
 
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")  # of coarse meshes
 
@@ -276,6 +277,30 @@ def test_a_run_goes_on(brick, pebble, tmp_path):
     known = np.array([c.force(whole) for c in contacts])
     found = np.array([c.force(again) for c in others])
     np.testing.assert_allclose(found, known[:, -found.shape[1] :], rtol=0, atol=1e-6 * known.max())
+
+
+def test_a_step_that_fails_leaves_no_trace(brick, pebble, monkeypatch):
+    """Forces are found again where it began, also of contacts that remember, while others sleep."""
+    whole, _, contacts = run(falling(brick, pebble, friction=0.3), end_time=12e-6)
+    made, force = falling(brick, pebble, friction=0.3), ModelRun.force
+
+    def fails(model, mbs, t):
+        found = force(model, mbs, t)
+        if t > 8e-6:
+            raise RunError("the step fails")
+        return found
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ModelRun, "force", fails)
+        first, *_ = run(made, end_time=12e-6)
+    assert first.status == "unstable"
+    again, _, others = run(made, end_time=12e-6, go_on=True)
+    known, stopped, found = (
+        np.array([c.force(result) for c in some])
+        for result, some in ((whole, contacts), (first, others), (again, others))
+    )
+    assert known[:, stopped.shape[1] - 1].max() > 100.0
+    np.testing.assert_allclose(found, known[:, -found.shape[1] :], rtol=0, atol=1e-9 * known.max())
 
 
 # The step.

@@ -374,3 +374,19 @@ def test_a_joint_that_is_open_is_told(mbs, arm_body, standing, gap):
             ep.settle(mbs)
     else:
         ep.settle(mbs)
+
+
+def test_bodies_settle_in_a_model_with_a_work_sensor(mbs, round_body):
+    """One that flies has no weight meanwhile: its sensor took that for an item that is gone."""
+    radius = -round_body.points[:, 2].min()
+    options = {"gravity": GRAVITY, "referencePosition": [0, 0, radius + 1e-5]}
+    resting = ep.CreatePartitionBody(mbs, round_body, name="resting", **options)
+    flying = ep.CreatePartitionBody(mbs, round_body, name="flying", gravity=GRAVITY, initialVelocity=[0, 0, 1.0])
+    ep.CreatePartitionContact(mbs, resting, ep.RigidPlane())
+    work = ep.CreateWorkSensor(mbs)
+    mbs.Assemble()
+    rest(mbs)
+    result = run(mbs)
+    risen = flying.rigid_motion(flying.coordinates(result))[:, 2]
+    expected = -G * round_body.total_mass * (risen - risen[0])
+    np.testing.assert_allclose(work.work(result)["gravity on flying"], expected, atol=1e-8 * abs(expected).max())

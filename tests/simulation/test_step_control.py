@@ -250,6 +250,8 @@ def test_time_to_contact_of_moving_pairs(body, bodies, height):
     contact.mechanics.gaps.sides.split(q_t)[contact.slave is not striker][2] = -0.5
     time = ep.time_to_contact(contact, np.zeros_like(q_t), q_t)
     assert (0.99 if height < 1e-3 else 0.5) * height / 0.5 < time < 1.001 * height / 0.5
+    far_apart = height > 1e-3  # without rows, so that the step for their impact is not known yet
+    assert (impact_step(contact, 0 * q_t, q_t, 0 * q_t, lambda: 1e-8) == np.inf) == far_apart
 
 
 def test_a_body_that_spins_takes_25_steps_a_turn_at_least(mbs, marble):

@@ -30,5 +30,9 @@ def checked(seed):
     return compiled_runs.row_of(seed, scene, compiled_runs.on_surface(seed, scene=scene), " on a rigid surface")
 
 
-if __name__ == "__main__":
+def main():
     compiled_runs.main(checked, COUNT, __file__, __doc__)
+
+
+if __name__ == "__main__":
+    main()

@@ -117,10 +117,11 @@ def missed(run: ReviewedRun) -> Iterator[Finding]:
 def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
     """Surfaces that lie within each other where their rows come nearest, although none closes; None if they do not.
 
-    Rows are means around nodes: those of a narrow tip close when it has sunk by a part of its facets' depth.
+    Rows are means around nodes: those of a narrow tip close when it has sunk by a part of its facets' depth. Beside
+    rows of edges, faces have rows of their own.
     """
     contact, nearest = history.contact, int(history.pressed.argmax())
-    if history.pressed[nearest] < -contact.slave_facet_size:
+    if contact.rows == "edges" or history.pressed[nearest] < -contact.slave_facet_size:
         return None
     t = run.result.t[nearest]
     depth, still_open = contact.depth(run.result.at([t])), -float(history.pressed[nearest])
@@ -128,7 +129,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
         return None
     return Finding(
         f"{called(contact)} never closed, though its surfaces lie {depth:.3g} m within each other at "
-        f"{when(run.result, t)}: its rows, which are means around nodes, are still open by "
+        f"{when(run.result, t)}: its rows, at nodes or means around these, are still open by "
         f"{still_open:.3g} m there, so that it has no force. Take smaller facets at this tip, from "
         f"{contact.slave_facet_size:.3g} m, or formulation='hertz', which needs none"
     )

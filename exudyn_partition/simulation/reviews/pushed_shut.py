@@ -1,8 +1,8 @@
 """Rows that forces push shut, and that nobody follows: they have no force, though surfaces lie in each other there.
 
-Where contact slides, rows are followed as far as forces may push them shut. Of skins on demand, of contacts on a common
-body, and of patches of one body this distance is a guess, see `PatchGaps.follow_pushed`. At some samples,
-this looks at all rows, with the nodes where all forces move them: no row without a force may be deep.
+Where contact slides, rows are followed as far as forces may push them shut. For skins on demand, contacts on a common
+body, and patches of one body this distance is a guess, see `PatchGaps.follow_pushed`. At some samples, this
+review looks at all rows, with the nodes where all forces move them: no row without a force may be deep.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ from ...contact.patch_gaps import PatchGaps
 from ...contact.side import Side
 from ...errors import InputError
 from ...exudyn_bodies.partition_body import PartitionBody
+from ...exudyn_contacts.contact_samples import growing_at
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
 from ..result import called, when
 from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
 
 _SAMPLES = 8  # that are looked at
-_DEEP = 0.25  # depth of a row without force, by that of the deepest row without flexibility; a tenth is at edges
+_DEEP = 0.25  # depth of a row without force by the largest depth without flexibility; near edges, 0.1 is usual
 
 
 def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
-    """Contacts in which forces push rows shut further than it was guessed."""
+    """Contacts in which forces push rows shut further than it was guessed; not those with dents, which open rows."""
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
         guessed = isinstance(gaps, PatchGaps) and gaps.guesses(shared=len(history.contact.group) > 1)
-        if guessed and history.contact.mechanics.law.residual and history.force.any():
+        elastic = history.contact.mechanics.law.residual and history.contact.mechanics.zones is None
+        if guessed and elastic and history.force.any():
             yield from _not_followed(run, history)
 
 
@@ -55,13 +57,15 @@ def _depth_without_row(run: ReviewedRun, history: ContactHistory, sample: int) -
     q = np.concatenate([run.body(item).q[sample] for item, _ in contact.sides])
     gaps = contact.mechanics.gaps.fresh()
     assert isinstance(gaps, PatchGaps)
+    gaps.grow(growing_at(contact.sides, run.result)(sample))
     gaps.at(q)
     if not gaps.moving:  # then all rows are present
         return 0.0
     try:
-        nodes, gap = gaps.gaps_of_all(q, _displacements(run, contact, sample))
+        ways = _displacements(run, contact, sample)
     except InputError:  # forces on nodes are not known
         return 0.0
+    nodes, gap = gaps.gaps_of_all(q, ways)
     closed, forces = history.rows.at_sample(sample)
     return -float(gap[~np.isin(nodes, closed[forces > 0.0])].min(initial=0.0))
 
@@ -87,6 +91,8 @@ def _displacements(run: ReviewedRun, contact: PartitionContact, sample: int) -> 
 def _moved(item: PartitionBody, patch: int, side: Side, pushed: dict[tuple[PartitionBody, int], Array]) -> Array:
     """Ways of the nodes of a patch by forces on the nodes of all patches of its body, (np, 3) [m]."""
     body = item.body
+    if side.flexibility is None:  # its nodes move by coordinates alone
+        return np.zeros((len(side.surface.points), 3))
     along, total = _directions(item, patch, side), np.zeros(len(side.surface.points) * (1 if side.normal_only else 3))
     for (other, number), forces in pushed.items():
         if other == item:

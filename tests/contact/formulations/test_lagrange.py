@@ -44,10 +44,20 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
         together.increment(answers, [(q + h * v, v, 0 * q)], h)
 
 
+class FlatSides(tuple):
+    """Sides of a plate of two coordinates."""
+
+    def moved(self, q, way):
+        return q + way
+
+    def accelerations(self, q, rows):
+        return rows.T / np.array([[2.0], [0.5]])  # mass and inertia
+
+
 class FlatRows:
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    n, size, moving, linear, row_nodes, sides = 2, 1.0, False, None, np.arange(40), ()
+    n, size, moving, linear, row_nodes, sides, q = 2, 1.0, False, None, np.arange(40), FlatSides(), None
     H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
     slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
 
@@ -78,14 +88,8 @@ class FlatRows:
     def jacobian(self, index):
         return self.H[index]
 
-    def moved(self, q, way):
-        return q + way
-
     def generalised(self, lam):
         return lam @ self.H
-
-    def accelerations(self, rows):
-        return rows.T / np.array([[2.0], [0.5]])  # mass and inertia
 
 
 def test_redundant_rows_have_a_unique_total_force():
