@@ -176,16 +176,21 @@ def row_of(seed, scene, made, kind):
     }
 
 
-def main(checked=checked, count=COUNT, script=__file__, said=__doc__):
+def options(said, count):
+    """What the command line gives to a script with this docstring, and this number of seeds by default."""
     parser = argparse.ArgumentParser(description=said.splitlines()[0])
     parser.add_argument("--count", type=int, default=count, help="seeds, from 0 on")
     parser.add_argument("--out", type=Path, help="file of the results, instead of the JSON beside the script")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def compare(checked, given, script):
+    """Run the scenes of all seeds; write the JSON of a script, see `options`."""
     rows = []
     with ep.progress("compiled runs") as report:
-        for seed in range(options.count):
+        for seed in range(given.count):
             rows.append(checked(seed))
-            report((seed + 1) / options.count)
+            report((seed + 1) / given.count)
     worst = max(rows, key=lambda row: row["difference"])
     result = {
         "scenes": len(rows),
@@ -198,7 +203,11 @@ def main(checked=checked, count=COUNT, script=__file__, said=__doc__):
     }
     Console().print(result)
     failed = [f"{name} {result['found'][name]:.2g}" for name, limit in LIMITS.items() if result["found"][name] > limit]
-    scenes.finish(script, result, failed, options.out)
+    scenes.finish(script, result, failed, given.out)
+
+
+def main():
+    compare(checked, options(__doc__, COUNT), __file__)
 
 
 if __name__ == "__main__":

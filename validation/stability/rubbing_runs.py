@@ -31,7 +31,7 @@ def checked(seed):
 
 
 def main():
-    compiled_runs.main(checked, COUNT, __file__, __doc__)
+    compiled_runs.compare(checked, compiled_runs.options(__doc__, COUNT), __file__)
 
 
 if __name__ == "__main__":
