@@ -12,7 +12,6 @@ Theory: examples/site/theory.md, "A contact that the mesh does not resolve".
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,20 +30,18 @@ from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
-from .rigid import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
-from .seams import Shared, largest_curvature, shared, width_of
+from .nearest_faces import NearestFaces
+from .rigid import RigidPlane, RigidSurface
 from .side import Side
 from .sides import Sides
 from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .spot_stage import FrozenSpot, Meeting, Pose, SpotStage
 from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
-from .touching import ROLES, Touching, touching
-from .true_surface import TrueSurface, nearest_places
+from .touching import ROLES, Touching
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
 _TOUCHES = 0.05  # of a facet's size: gap at the start up to which one of several points must have its kernel there
-_APART = 0.75  # of the walls of both bodies: faces that overlap by more are on far sides, and the bodies are apart
 _STUCK = 0.25  # means of the logarithm of distances, under the kernel's pressure less under the traction of what sticks
 _EVEN = 0.02  # relative difference of curvatures below which both axes of the ellipse are the same
 _ALONG = 1e-3  # difference of a direction from the normal of contact, with a flexibility along this direction alone
@@ -122,22 +119,15 @@ class SpotGaps(Gaps):
         self._surface, self._pose, self._motion = surface, pose, motion
         self.carried = pose is not None
         self.faces = tuple(faces)
-        pair = touching(sides, patches, surface, [face.surface for face in faces])
-        parts = zip(sides, faces, pair.materials, ROLES, strict=False)
-        self._makers = [SpotMaker(*each) for each in parts]
-        self._found, self._shapes, self._ball = pair, pair.shapes, pair.ball
-        self._near = [_near(sides, patches, surface, self.faces, number) for number in range(len(self.faces))]
-        self._pairs = _pairs(sides, patches, surface, self._near, pair)
-        curvatures = [largest_curvature([face]) for face in self.faces]
-        curvatures += [shape.steepest for shape in pair.shapes[len(self.faces) :]]
-        self._width = width_of(self.faces[:1], curvatures[1])
+        self._nearest = NearestFaces.of(sides, patches, surface, faces)
+        self._own, self._makers = self._nearest.own, self._nearest.makers
         self._prepare(sides)
 
     @property
     def contact(self) -> PointContact:
         """Hertz's contact of the two surfaces, where they are."""
-        if self.spot_rows.inside and self._found.round is not None:
-            return self._found.round
+        if self.spot_rows.inside and self._own.round is not None:
+            return self._own.round
         return self._spot_stage.contact
 
     @property
@@ -148,7 +138,7 @@ class SpotGaps(Gaps):
     @property
     def round(self) -> bool:
         """Whether `contact_then` is a circle wherever the own faces touch: it has no axes."""
-        return self._found.round is not None and self._found.round.circular
+        return self._own.round is not None and self._own.round.circular
 
     @property
     def even(self) -> bool:
@@ -159,18 +149,18 @@ class SpotGaps(Gaps):
     @property
     def shear(self) -> tuple[float, float]:
         """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
-        along, across = self.contact_then.shear_moduli(self._found.materials)
+        along, across = self.contact_then.shear_moduli(self._own.materials)
         mean = (along + across) / 2
         return (mean, mean) if self.even else (along, across)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
         self.sides = Sides(sides)
-        self.size = min(side.surface.facet_size for side in sides)
+        self.size = self._nearest.size
         self._middles = [maker.points.mean(axis=0) for maker in self._makers]
         self._loaded = {}
         self._start_q = np.zeros(self.n)
-        meeting = self._meeting(self._rough_poses(self._start_q), self.carrier_pose)
+        meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier_pose))
         if not self.carried:
             self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
         slave = self._makers[0].points
@@ -185,7 +175,7 @@ class SpotGaps(Gaps):
 
     def _contact_place(self, meeting: Meeting) -> Array:
         """Place of the point of contact on the slave at the start, (3,) [m]."""
-        return self._rough_poses(self._start_q)[0].out(meeting.points[0])
+        return self._rough_poses(self._start_q, self.carrier_pose)[0].out(meeting.points[0])
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         """Raise if the spots cannot be computed, or if the true surfaces overlap at the start."""
@@ -198,7 +188,7 @@ class SpotGaps(Gaps):
                 _ = rows.contact  # raises an error if surfaces touch along a line
         for number, outward in enumerate(stage.meeting.outward):
             self._check_flexibility(number, outward)
-        covered = all(spot.covered for spot in rows.spots) and not self._behind(stage.meeting, rows)
+        covered = all(spot.covered for spot in rows.spots) and not self._nearest.behind(stage.meeting, rows.spots)
         if covered and stage.meeting.gap < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"the true surfaces overlap by {-stage.meeting.gap:.4g} m at the start; facets are chords, so that a "
@@ -208,7 +198,7 @@ class SpotGaps(Gaps):
     def _check_flexibility(self, number: int, outward: Array) -> None:
         """Raise InputError if a side has no flexibility along the line of contact; its normal is in its axes."""
         side = self.sides[number]
-        if not side.normal_only or isinstance(self._shapes[number].shape, RigidPlane):
+        if not side.normal_only or isinstance(self._own.shapes[number].shape, RigidPlane):
             return
         line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
         if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
@@ -221,7 +211,7 @@ class SpotGaps(Gaps):
     @property
     def _may_freeze(self) -> bool:
         """Whether the point of contact stays the same in the bodies, and gaps are linear in the coordinates."""
-        ball_on_plane = self._ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
+        ball_on_plane = self._own.ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
         stays = self._start_rows.inside and all(spot.covered for spot in self._start_rows.spots)
         return ball_on_plane and self.sides[0].kinematics.linear and stays
 
@@ -236,180 +226,34 @@ class SpotGaps(Gaps):
 
     # The true surfaces.
 
-    def _rough_poses(self, q: Array, growing: Array = NOTHING) -> list[Pose]:
-        """Poses of the sides by the mean motion of their patches, which depend on no spot."""
+    def _rough_poses(self, q: Array, carried: Array, growing: Array = NOTHING) -> list[Pose]:
+        """Poses of the sides by the mean motion of their patches, which depend on no spot.
+
+        The rigid surface's carrier is at a pose, (12,).
+        """
         poses = []
         both = zip(self.sides, self._middles, self.sides.split(q), self._by_side(growing), strict=True)
         for side, middle, part, products in both:
             place = replace(side, active=None).place(part, products).mean(axis=0)
             poses.append(Pose(place, middle, side.kinematics.frame(part)[1]))
-        return poses
+        return self._all_poses(poses, carried)
 
     def _poses(
-        self, places: Sequence[Array], weights: Sequence[Array], rows: SpotRows, axes: Sequence[Array]
+        self, places: Sequence[Array], weights: Sequence[Array], rows: SpotRows, axes: Sequence[Array], carried: Array
     ) -> list[Pose]:
-        """Poses of the sides, with these axes, by the mean motion of the nodes of spots with their weights."""
+        """Poses of the sides, with these axes, by the mean motion of the nodes of spots with their weights.
+
+        The rigid surface's carrier is at a pose, (12,).
+        """
         poses = []
         for x, share, spot, maker, turned in zip(places, weights, rows.spots, self._makers, axes, strict=True):
             nodes = spot.kernel.nodes
             poses.append(Pose(share @ x[nodes], share @ maker.points[nodes], turned))
-        return poses
-
-    def _meeting(self, poses: list[Pose], carried: Array, pair: Touching | None = None) -> Meeting:
-        """Where the surfaces are nearest, with the sides at poses and the rigid surface's carrier at a pose, (12,).
-
-        The surfaces are those of faces, without their ends; those of other faces may be given.
-        """
-        poses = self._all_poses(poses, carried)
-        pair = pair or self._found
-        if pair.ball is None:
-            return self._of_tubes(poses, pair.shapes)
-        shapes, ball, second = pair.shapes, pair.ball, 1 - pair.ball
-        facing = shapes[second].shape
-        towards = facing.normal if isinstance(facing, RigidPlane) else np.zeros(3)
-        form = shapes[ball].ball_at(-(poses[second].axes @ towards) @ poses[ball].axes)
-        assert form is not None
-        centre, radius = form
-        place = poses[ball].out(centre)
-        gap, normal = facing.project(poses[second].into(place)[None])
-        outward = poses[second].axes @ normal[0]
-        foot = poses[second].into(place) - gap[0] * normal[0]
-        of_ball = -outward @ poses[ball].axes
-        points, normals = {second: foot, ball: centre + radius * of_ball}, {second: normal[0], ball: of_ball}
-        sides = range(len(self.sides))
-        return Meeting(
-            float(gap[0]) - radius,
-            outward if second == 1 else -outward,
-            [points[n] for n in sides],
-            [normals[n] for n in sides],
-        )
-
-    def _of_tubes(self, poses: Sequence[Pose], shapes: Sequence[TrueSurface]) -> Meeting:
-        """See `_meeting`; both sides are tubes or cylinders."""
-        middles = []
-        for pose, shape in zip(poses, shapes, strict=True):
-            middle = shape.middle
-            assert middle is not None
-            middles.append(middle._replace(centre=pose.out(middle.centre), axis=pose.axes @ middle.axis))
-        places = nearest_places(*middles)
-        arm = places[0] - places[1]
-        distance = float(np.linalg.norm(arm))
-        outward = arm / distance
-        points, normals = [], []
-        for pose, middle, place, facing in zip(poses, middles, places, (-outward, outward), strict=True):
-            points.append(pose.into(place + middle.radius * facing))
-            normals.append(facing @ pose.axes)
-        n = len(self.sides)
-        return Meeting(distance - middles[0].radius - middles[1].radius, outward, points[:n], normals[:n])
+        return self._all_poses(poses, carried)
 
     def _all_poses(self, poses: list[Pose], carried: Array) -> list[Pose]:
         """Poses of both sides, a rigid surface included."""
         return poses if self._surface is None else [*poses, self._rigid_pose(carried)]
-
-    @property
-    def _own_faces(self) -> tuple[int, ...]:
-        """Numbers of the contact's own faces."""
-        return (0,) * len(self.faces)
-
-    @property
-    def _alone(self) -> bool:
-        """Whether no face of the contact ends where a surface goes on."""
-        return not any(len(face.seam) for face in self.faces)
-
-    def _on_faces(self, poses: list[Pose], carried: Array) -> tuple[Meeting, tuple[int, ...]]:
-        """Where the faces are nearest, with those that go on as them, and the numbers of these on each side.
-
-        Off its face, the point of contact is at the end of that.
-        """
-        if self._alone:
-            return self._meeting(poses, carried), self._own_faces
-        whole, best, bound = self._all_poses(poses, carried), None, math.inf
-        for numbers, found in self._pairs.items():
-            meeting = self._meeting(poses, carried, found)
-            if meeting.gap >= bound or (best is not None and self._behind(meeting)):
-                continue  # faces are no nearer to each other than the surfaces on which they lie
-            meeting = self._between_ends(numbers, meeting, found.shapes, whole)
-            if meeting.gap < bound and self._covers(numbers, meeting):
-                best, bound = (meeting, numbers), math.inf if self._behind(meeting) else meeting.gap
-        assert best is not None
-        return best
-
-    def _between_ends(
-        self, numbers: tuple[int, ...], meeting: Meeting, shapes: Sequence[TrueSurface], poses: Sequence[Pose]
-    ) -> Meeting:
-        """The meeting of faces by their numbers, at their ends; the gap is above zero if both are beyond these."""
-        faces = [near[number] for near, number in zip(self._near, numbers, strict=True)]
-        for side, face in enumerate(faces):
-            if len(face.seam):
-                meeting = self._within(side, face, meeting, shapes, poses)
-        # The end of the second face may have moved the point on the first one, whose surface has no end.
-        point, outward = meeting.points[0], meeting.outward[0]
-        if meeting.gap > 0.0 or len(faces) == 1 or faces[0].from_seam(point) <= self._width:
-            return meeting
-        if faces[0].holds(point, outward):
-            return meeting
-        return meeting._replace(gap=max(-meeting.gap, self.size))
-
-    def _behind(self, meeting: Meeting, rows: SpotRows | None = None) -> bool:
-        """Whether surfaces overlap that do not touch there, as the lower face of a plate and a ball above it.
-
-        No contact is as deep as a facet is long. Faces on the far sides of two bodies overlap by the walls of both and
-        what is between these. Others overlap beside their ends. Where their rows are given, walls and ends are those at
-        the spots.
-        """
-        depth = -meeting.gap
-        if depth <= self.size:
-            return False
-        beside = rows is not None and not all(spot.whole for spot in rows.spots)
-        return beside or depth > _APART * self._walls(meeting, rows)
-
-    def _walls(self, meeting: Meeting, rows: SpotRows | None) -> float:
-        """Thickness of both bodies behind the point of contact [m]."""
-        if rows is not None:
-            walls = [spot.wall for spot in rows.spots]
-        else:
-            both = zip(self._makers, meeting.points, meeting.outward, strict=True)
-            walls = [maker.wall(point, outward) for maker, point, outward in both]
-        return sum(walls) + _thickness(self._surface)
-
-    def _covers(self, numbers: tuple[int, ...], meeting: Meeting) -> bool:
-        """Whether faces beside the own ones, by their numbers, have the point of contact: surfaces have no ends."""
-        return all(
-            near[number].covers(point, outward)
-            for near, number, point, outward in zip(self._near, numbers, meeting.points, meeting.outward, strict=True)
-            if number
-        )
-
-    def _shared_by(self, meeting: Meeting, owners: tuple[int, ...], inside: bool) -> tuple[Shared, ...]:
-        """How faces of both sides share a contact."""
-        result = []
-        for near, owner, point, outward in zip(self._near, owners, meeting.points, meeting.outward, strict=True):
-            if inside or len(near) == 1:
-                result.append(Shared.alone(near[owner].surface))
-            else:
-                result.append(shared(near, owner, point, outward, self._width))
-        return (*result, *map(Shared.alone, self._shapes[len(result) :]))
-
-    def _within(
-        self, number: int, face: SmoothFace, meeting: Meeting, shapes: Sequence[TrueSurface], poses: Sequence[Pose]
-    ) -> Meeting:
-        """The meeting of a face of one side, at the end of the face if it is beyond that."""
-        points, outward = meeting.points[number], meeting.outward[number]
-        if face.holds(points, outward):
-            return meeting
-        end, second = face.nearest_on_seam(points), 1 - number
-        into = poses[second].into(poses[number].out(end))
-        gap, normal = shapes[second].shape.project(into[None])
-        facing = poses[second].axes @ normal[0]
-        places, normals = {number: end, second: into - gap[0] * normal[0]}, {second: normal[0]}
-        normals[number] = -facing @ poses[number].axes
-        sides = range(len(self.sides))
-        return Meeting(
-            float(gap[0]),
-            facing if second == 1 else -facing,
-            [places[n] for n in sides],
-            [normals[n] for n in sides],
-        )
 
     def _rigid_pose(self, carried: Array) -> Pose:
         if not len(carried):
@@ -420,7 +264,7 @@ class SpotGaps(Gaps):
 
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
-        meeting = self._on_faces(self._rough_poses(anchor.q, anchor.growing), anchor.pose)[0]
+        meeting = self._nearest.on_faces(self._rough_poses(anchor.q, anchor.pose, anchor.growing))[0]
         where = zip(self._makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
@@ -437,10 +281,10 @@ class SpotGaps(Gaps):
         rows = SpotRows(points, np.array([np.inf if all(spot.whole for spot in spots) else 0.0]), sides)
         rows.spots, rows.made_at = spots, anchor
         rows.inside = all(
-            face.from_seam(point) > 2 * _TILTED * spot.radius + self._width and face.holds(point, outward)
+            face.from_seam(point) > 2 * _TILTED * spot.radius + self._nearest.width and face.holds(point, outward)
             for face, spot, point, outward in zip(self.faces, spots, meeting.points, meeting.outward, strict=True)
         )
-        rows.touching = self._found, self._axes(anchor.q, anchor.pose), meeting.normal
+        rows.touching = self._own, self._axes(anchor.q, anchor.pose), meeting.normal
         return rows
 
     def _stage_at(
@@ -453,14 +297,14 @@ class SpotGaps(Gaps):
         pose = self.carrier_pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
-        meeting, owners = self._where(rows, self._poses(places, weights, rows, axes), pose)
+        meeting, owners = self._where(rows, self._poses(places, weights, rows, axes, pose))
         where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
         weights = [
             spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where
         ]
-        poses = self._poses(places, weights, rows, axes)
-        meeting, owners = self._where(rows, poses, pose)
-        stage = self._stage_where(rows, meeting, owners, self._all_poses(poses, pose))
+        poses = self._poses(places, weights, rows, axes, pose)
+        meeting, owners = self._where(rows, poses)
+        stage = self._stage_where(rows, meeting, owners, poses)
         signs = (1.0, -1.0)
         stage.shares = tuple(
             (spot.kernel.nodes[None], sign * weight[None])
@@ -470,15 +314,16 @@ class SpotGaps(Gaps):
         stage.tilts = self._tilts(rows, places, stage)
         return stage, np.array([meeting.gap if stage.share > 0.0 else max(abs(meeting.gap), self.size)])
 
-    def _where(self, rows: SpotRows, poses: list[Pose], carried: Array) -> tuple[Meeting, tuple[int, ...]]:
-        """See `_on_faces`; a point of rows that are far from the ends of faces stays on its own."""
-        return (self._meeting(poses, carried), self._own_faces) if rows.inside else self._on_faces(poses, carried)
+    def _where(self, rows: SpotRows, poses: list[Pose]) -> tuple[Meeting, tuple[int, ...]]:
+        """See `NearestFaces.on_faces`; a point of rows that are far from the ends of faces stays on its own."""
+        nearest = self._nearest
+        return (nearest.meeting(poses), nearest.owners) if rows.inside else nearest.on_faces(poses)
 
     def _stage_where(self, rows: SpotRows, meeting: Meeting, owners: tuple[int, ...], poses: list[Pose]) -> SpotStage:
         """Stage of a row without its weights; poses are those of both sides."""
         stage = SpotStage(rows, meeting.normal[None].copy(), ())
-        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self._found.modulus
-        stage.shared_by = self._shared_by(meeting, owners, rows.inside)
+        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self._own.modulus
+        stage.shared_by = self._nearest.shared_by(meeting, owners, rows.inside)
         stage.share = math.prod(float(by.shares[0]) for by in stage.shared_by) * self._left(rows, meeting)
         return stage
 
@@ -493,8 +338,8 @@ class SpotGaps(Gaps):
         return tuple(tilts)
 
     def _left(self, rows: SpotRows, meeting: Meeting) -> float:
-        """Share of the contact that is left at the end of patches; none where surfaces do not touch, see `_behind`."""
-        if self._behind(meeting, rows):
+        """Share of the contact that is left at the end of patches; none where surfaces do not touch."""
+        if self._nearest.behind(meeting, rows.spots):
             return 0.0
         parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
         return math.prod(
@@ -534,7 +379,7 @@ class SpotGaps(Gaps):
     def goes_on_as(self, other: SpotGaps) -> bool:
         """Whether another contact of the same patches shares this one, near seams of their faces."""
         same_master = self._surface == other._surface
-        return same_master and all(face in near for near, face in zip(self._near, other.faces, strict=True))
+        return same_master and all(face in near for near, face in zip(self._nearest.near, other.faces, strict=True))
 
     def least_distance(self, q: Array) -> float:
         """See `Gaps.least_distance`; faces are no nearer to each other than the surfaces on which they lie.
@@ -551,12 +396,12 @@ class SpotGaps(Gaps):
         poses = [Pose(x.mean(axis=0), X.mean(axis=0), turn) for x, X, turn in zip(places, points, axes, strict=True)]
         both = zip(poses, points, places, strict=True)
         deformed = sum(float(np.linalg.norm(pose.out(X) - x, axis=1).max()) for pose, X, x in both)
-        least = self._meeting(poses, self.carrier_pose).gap - deformed
+        whole = self._all_poses(poses, self.carrier_pose)
+        least = self._nearest.meeting(whole).gap - deformed
         if len(places) > 1:
             least = max(least, hull_distance(*places) - sum(map(self._reach_of, self._makers)))
-        whole = self._all_poses(poses, self.carrier_pose)
         for number, x in enumerate(places if least <= 0.0 else ()):
-            gaps = self._shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
+            gaps = self._own.shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
             least = max(least, float(gaps.min()) - self.size - deformed)
         return least
 
@@ -569,7 +414,7 @@ class SpotGaps(Gaps):
         """How far from the nodes of its face a contact may be, which goes on beyond seams and ends [m]."""
         face = maker.face
         beyond = maker.widest if face.ends else 0.0
-        return face.bulge + max(beyond, self._width if len(face.seam) else 0.0)
+        return face.bulge + max(beyond, self._nearest.width if len(face.seam) else 0.0)
 
     @property
     def mismatch(self) -> float:
@@ -583,7 +428,7 @@ class SpotGaps(Gaps):
     def long_axis(self) -> Array:
         """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); meaningless in a circle."""
         normal = self.meeting.normal
-        bent = self._found.bending(self._axes(self.q, self.evaluated_pose), normal)
+        bent = self._own.bending(self._axes(self.q, self.evaluated_pose), normal)
         size = 2 * max(self.contact_then.curvatures)
         return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
 
@@ -763,59 +608,8 @@ class SpotGaps(Gaps):
         return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
 
 
-def _thickness(surface: RigidSurface | None) -> float:
-    """Thickness of what is behind a rigid surface [m]; zero where there is none."""
-    if isinstance(surface, RigidSphere) or (isinstance(surface, RigidCylinder) and not surface.hollow):
-        return 2 * surface.radius
-    return 0.0 if surface is None else math.inf
-
-
 def _turning(places: Array, couple: Array) -> Array:
     """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
     arms = places - places.mean(axis=0)
     inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
     return np.asarray(arms @ skew(np.linalg.solve(inertia, couple)).T)
-
-
-def _near(
-    sides: Sequence[Side],
-    patches: Sequence[int],
-    surface: RigidSurface | None,
-    faces: Sequence[SmoothFace],
-    number: int,
-) -> list[SmoothFace]:
-    """Face of a side, and those that go on as it and touch the other side's face at a point, too."""
-    near = [faces[number]]
-    for other in faces[number].neighbours:
-        shapes = [face.surface for face in faces]
-        shapes[number] = other.surface
-        if _touches(sides, patches, surface, shapes) is not None:
-            near.append(other)
-    return near
-
-
-def _pairs(
-    sides: Sequence[Side],
-    patches: Sequence[int],
-    surface: RigidSurface | None,
-    near: Sequence[Sequence[SmoothFace]],
-    of_the_spot: Touching,
-) -> dict[tuple[int, ...], Touching]:
-    """How faces of both sides touch, by their numbers; the first is that of the contact itself."""
-    pairs = {(0,) * len(near): of_the_spot}
-    for numbers in itertools.product(*(range(len(faces)) for faces in near)):
-        shapes = [faces[number].surface for faces, number in zip(near, numbers, strict=True)]
-        pair = None if numbers in pairs else _touches(sides, patches, surface, shapes)
-        if pair is not None:
-            pairs[numbers] = pair
-    return pairs
-
-
-def _touches(
-    sides: Sequence[Side], patches: Sequence[int], surface: RigidSurface | None, shapes: Sequence[TrueSurface]
-) -> Touching | None:
-    """How surfaces touch at a point; None if they do not."""
-    try:
-        return touching(sides, patches, surface, shapes)
-    except InputError:
-        return None

@@ -55,6 +55,18 @@ class Torus:
         size = np.linalg.norm(arm, axis=1)
         return size - self.tube, arm / size[:, None]
 
+    def gaps_by(self, x: Array) -> Array:
+        """Derivatives of the gaps at points x, (k, 3), by centre, axis, ring and tube, (k, 8); the axis turns."""
+        arm = x - self.centre
+        along = arm @ self.axis
+        flat = arm - np.outer(along, self.axis)
+        radius = np.linalg.norm(flat, axis=1)
+        size = np.hypot(radius - self.ring, along)
+        radial = flat / radius[:, None]
+        normal = ((radius - self.ring) / size)[:, None] * radial + (along / size)[:, None] * self.axis
+        by_axis = (along * self.ring / size)[:, None] * radial
+        return np.column_stack([-normal, by_axis, (self.ring - radius) / size, -np.ones(len(x))])
+
     def middle(self, normal: Array) -> Array:
         """Middle of the tube beneath the place with an outward unit normal, (3,) [m]."""
         flat = normal - (normal @ self.axis) * self.axis
@@ -352,13 +364,18 @@ def _tori(x: Array, outward: Array, middles: Array) -> list[Torus]:
     def off(values: Array) -> Array:
         return torus(values).project(arms)[0]
 
+    def off_by(values: Array) -> Array:
+        scale = np.ones(8)
+        scale[3:6] = np.linalg.norm(values[3:6])
+        return np.asarray(torus(values).gaps_by(arms) / scale)
+
     shape, least = None, math.inf
     for slant in _SLANTS:
         ring = math.cos(slant) * (1 / curvatures[0] - tube)
         radial = math.cos(slant) * normal - math.sin(slant) * steep
         axis = math.sin(slant) * normal + math.cos(slant) * steep
         start = [*((height[0] - tube) * normal - ring * radial), *axis, ring, tube]
-        best = require("scipy.optimize").least_squares(off, start, xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
+        best = require("scipy.optimize").least_squares(off, start, off_by, xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
         if best.cost < least:
             shape, least = torus(best.x), best.cost
         if least < len(arms) * _ROUNDING**2:

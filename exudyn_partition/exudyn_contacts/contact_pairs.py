@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..contact.rigid import RigidSurface
-from ..contact.side import Side
 from ..errors import EmptyRegionError, InputError
 from ..exudyn_bodies.carriers import pose, validate_carrier
 from ..exudyn_bodies.model import registered
@@ -18,7 +17,7 @@ from ..support.arrays import Array
 from ..support.checks import listed, validate_positive
 from ..support.foreign import MainSystem, ObjectIndex
 from ..surfaces.near import faces_near, near_patches
-from .contact_plan import RIGID, BodyPatch
+from .contact_plan import RIGID, BodyPatch, SideOf, side_at_start
 
 CarriedSurface = tuple[RigidSurface, ObjectIndex | None]  # and the body that carries it; None if it is fixed in space
 
@@ -42,7 +41,9 @@ class FoundPair(NamedTuple):
     carrier: ObjectIndex | None = None
 
 
-def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[FoundPair]:
+def pairs_of(
+    mbs: MainSystem, members: object, within: float | None, side_of: SideOf = side_at_start
+) -> list[FoundPair]:
     """Pairs of a list of bodies and rigid surfaces that get contacts.
 
     The skin of a body meets all other members, wherever they are. Other patches meet what they face nearby.
@@ -55,6 +56,8 @@ def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[Fou
     within : float, optional
         Distance up to which a pair gets a contact [m]. Default: any distance for skins; the radius of the smaller patch
         for others.
+    side_of : callable
+        Finds the side of a body and the number of one of its patches.
 
     Raises
     ------
@@ -67,7 +70,7 @@ def pairs_of(mbs: MainSystem, members: object, within: float | None) -> list[Fou
     if within is not None:
         within = validate_positive("within", within, "m")
     sides = [(item, patch) for item in bodies for patch in range(len(item.body.partition.patches))]
-    placed = [Side.of(item.kinematics, patch).surface for item, patch in sides]
+    placed = [side_of(*side).surface for side in sides]
     skins = [is_skin(item.body, patch) for item, patch in sides]
     owners = [place for place, item in enumerate(bodies) for _ in item.body.partition.patches]
     boxes = [np.array([surface.points.min(axis=0), surface.points.max(axis=0)]) for surface in placed]

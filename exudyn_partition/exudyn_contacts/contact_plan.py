@@ -40,12 +40,18 @@ from .point_pairs import only_pair
 Passes = Literal["finer", "given"]
 PASSES: tuple[Passes, ...] = get_args(Passes)
 BodyPatch = tuple[PartitionBody, int]  # a body and the number of one of its patches
+SideOf = Callable[[PartitionBody, int], Side]
 
 RIGID = (RigidPlane, RigidSphere, RigidCylinder, RigidProfile, RigidMesh)
 _NAMED = ("Object", "Sensor")  # items of Exudyn that a contact has
 _DIGITS = 1e-5  # share of a facet's size: round-off of places in space above which gaps are not known
 _MEANT = "Or, if the overlap is meant, as that of a press fit, give interference=, which solve_static closes"
 _FINER = 0.9  # slave and master change places if the master's facets are smaller than this share of the slave's
+
+
+def side_at_start(item: PartitionBody, patch: int) -> Side:
+    """Patch of a body in the model, by its number, at the start."""
+    return Side.of(item.kinematics, patch, item.plastic_states.get(patch), item.beta)
 
 
 class PlannedContact(Protocol):
@@ -105,12 +111,14 @@ def plan_contact(
     name: str = "",
     anywhere: bool = False,
     faces: Sequence[SmoothFace] | None = None,
+    side_of: SideOf = side_at_start,
 ) -> ContactPlan:
     """Check the options of a contact, see `CreatePartitionContact`, and return its plan; the model stays as it is.
 
     With `anywhere`, the sides may be far from each other, and touch at any place later: pairs are those near each other
     as the sides are placed, if there are any. `faces` of slave and master, as they are given, are those of a contact at
-    a point, see `point_pairs`; by default, there is one point.
+    a point, see `point_pairs`; by default, there is one point. Contacts that are planned together may have the sides
+    in common that `side_of` finds.
 
     Raises
     ------
@@ -146,7 +154,7 @@ def plan_contact(
         if interference is not None:
             raise InputError("interference: give it to the contact beside which rows='edges' are")
         ordered, passes = _of_master(registered(mbs).contacts.values(), given, chosen), "given"
-    sides, placed = _placed(ordered, passes, chosen, anywhere=anywhere)
+    sides, placed = _placed(ordered, [side_of(*each) for each in ordered], passes, chosen, anywhere=anywhere)
     chosen.check([item.body for item, _ in sides])
     for side in placed:
         _check_wandering(side)
@@ -283,10 +291,9 @@ def _of_master(
 
 
 def _placed(
-    given: Sequence[BodyPatch], passes: Passes, formulation: Formulation, *, anywhere: bool
+    given: Sequence[BodyPatch], placed: list[Side], passes: Passes, formulation: Formulation, *, anywhere: bool
 ) -> tuple[Sequence[BodyPatch], list[Side]]:
-    """Slave and master, and the places of their patches in space."""
-    placed = [Side.of(item.kinematics, patch, item.plastic_states.get(patch), item.beta) for item, patch in given]
+    """Slave and master, and their sides, in the order and with the parts that the contact takes."""
     if not formulation.edges:
         placed = [replace(side, surface=side.surface.without_edges) for side in placed]
     if len(given) > 1 and given[0] == given[1]:

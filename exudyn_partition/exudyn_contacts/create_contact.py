@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Literal, overload
 
 from ..algebra.coulomb import Coulomb
 from ..contact.formulations.choices import FormulationName, Hertz, formulation_of
 from ..contact.formulations.formulation import Formulation
 from ..contact.rigid import RigidSurface
-from ..contact.side import Side
 from ..contact.smooth_faces import SmoothFace
 from ..errors import InputError
 from ..exudyn_bodies.carriers import load_carrier
@@ -24,7 +23,7 @@ from ..support.spelling import spelled
 from ..surfaces.points import RowKind
 from .contact_object import add_to_object
 from .contact_pairs import FoundPair, pairs_of
-from .contact_plan import ContactPlan, Passes, needs_edges, plan_contact
+from .contact_plan import ContactPlan, Passes, SideOf, needs_edges, plan_contact, side_at_start
 from .contact_run import N_FRICTION, N_VALUES, N_VALUES_AHEAD, ContactRun
 from .coupling import groups_to_join
 from .model_run import Runs, runs_of
@@ -166,9 +165,13 @@ def CreatePartitionContact(
             )
         if isinstance(rows, str) and rows == "edges":
             raise InputError("rows: 'edges' are made of two bodies at a time, beside their contact")
-        plan_pair = partial(plan_contact, mbs, formulation=formulation, stiffness=stiffness, friction=friction)
+        side_of = cache(side_at_start)
+        plan_pair = partial(
+            plan_contact, mbs, formulation=formulation, stiffness=stiffness, friction=friction, side_of=side_of
+        )
         of_whole = partial(plan_pair, rows=rows, passes=passes, interference=interference)
-        pairs = [(pair, faces) for pair in pairs_of(mbs, slave, within) for faces in _faces_of(pair, formulation)]
+        found = pairs_of(mbs, slave, within, side_of)
+        pairs = [(pair, faces) for pair in found for faces in _faces_of(pair, formulation, side_of)]
         return _contacts_of(mbs, pairs, name, of_whole, partial(plan_pair, rows="edges"))
     if within is not None:
         raise InputError("within: only for a sequence of bodies, whose pairs are looked for")
@@ -211,14 +214,16 @@ def _contacts_of(
     return contacts
 
 
-def _faces_of(pair: FoundPair, formulation: FormulationName | Formulation) -> Sequence[Sequence[SmoothFace] | None]:
+def _faces_of(
+    pair: FoundPair, formulation: FormulationName | Formulation, side_of: SideOf
+) -> Sequence[Sequence[SmoothFace] | None]:
     """Faces of each point at which a pair may touch; a contact by rows has none."""
     if not isinstance(formulation_of(formulation), Hertz):
         return [None]
     sides = [pair.slave]
     if isinstance(pair.master, tuple):
         sides.append(pair.master)
-    placed = [Side.of(item.kinematics, patch) for item, patch in sides]
+    placed = [side_of(*side) for side in sides]
     rigid = None if isinstance(pair.master, tuple) else pair.master
     return point_pairs(placed, [patch for _, patch in sides], rigid, carried=pair.carrier is not None)
 

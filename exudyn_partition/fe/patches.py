@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -188,10 +189,12 @@ class Patch:
         """Whether contact wanders over it, along local normals; see `Partition.surface`."""
         return self.normals is not None
 
-    @property
+    @cached_property
     def nodes(self) -> Array:
         """(np,) int array: nodes of the patch, ascending."""
-        return np.unique(self.facets)
+        nodes = np.unique(self.facets)
+        read_only(nodes)
+        return nodes
 
     @property
     def n_axes(self) -> int:

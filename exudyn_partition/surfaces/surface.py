@@ -72,7 +72,7 @@ class Surface:
             ends = np.searchsorted(nodes, patch.ends)
         return replace(found, sharp=np.union1d(sharp, ends), ends=ends)
 
-    @property
+    @cached_property
     def without_edges(self) -> Surface:
         """The same patch without rows of its own at sharp edges."""
         return replace(self, sharp=self.sharp[:0], ends=self.ends[:0])

@@ -10,6 +10,7 @@ import pytest
 import exudyn_partition as ep
 from exudyn_partition.contact.formulations.hertz_friction import Springs
 from exudyn_partition.contact.smooth_faces import smooth_faces
+from exudyn_partition.contact.true_surface import Torus
 from exudyn_partition.errors import ContactPatchWarning, InputError
 
 pytestmark = [
@@ -51,6 +52,30 @@ def test_faces_of_a_patch_are_found(bumps):
     np.testing.assert_allclose(flat, [(0, 0, 1)] * len(flat), atol=1e-9)
     assert not faces.unknown
     assert not any(len(face.seam) for face in faces.known)  # they meet at edges
+
+
+def test_contacts_of_one_patch_have_its_side_in_common(bumps):
+    """A patch is placed once for all of them: with whole skins on each other there are hundreds."""
+    _, _, contacts = impact(bumps)
+    first, second = (contact.mechanics.gaps.sides[0].surface for contact in contacts[:2])
+    assert np.shares_memory(first.points, second.points)
+
+
+def test_gaps_of_a_torus_change_as_it_moves():
+    """Against central differences, by centre, axis, ring and tube; the axis stays a unit vector."""
+    rng = np.random.default_rng(3)
+    values = np.array([0.1, -0.2, 0.3, *rng.normal(size=3), 2.0, 0.6])
+    values[3:6] /= np.linalg.norm(values[3:6])
+    x = 2.5 * rng.normal(size=(20, 3))
+
+    def gaps(values):
+        axis = values[3:6] / np.linalg.norm(values[3:6])
+        return Torus(values[:3], axis, values[6], values[7]).project(x)[0]
+
+    step = 1e-6 * np.eye(8)
+    differences = np.column_stack([(gaps(values + way) - gaps(values - way)) / 2e-6 for way in step])
+    by_values = Torus(values[:3], values[3:6], values[6], values[7]).gaps_by(x)
+    np.testing.assert_allclose(by_values, differences, atol=1e-8)
 
 
 def test_two_bumps_of_one_patch_share_an_impact(bumps):
