@@ -1,30 +1,21 @@
-"""Exudyn's user functions around the steps of a run. They call the model's own, which are restored after the run.
-
-Also what Exudyn's solvers need and tell: the residual at which Newton's method may end, and what their errors mean.
-"""
+"""Exudyn's user functions around the steps of a run. They call the model's own, which are restored after the run."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import math
-import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..contact.formulations.formulation import Method
-from ..contact.normal_rows import NormalRows
-from ..errors import PartitionError
 from ..exudyn_bodies.joints import Joints
-from ..exudyn_bodies.model import coordinate_slices, registered, start_of_step, user_function
-from ..exudyn_bodies.partition_body import PartitionBody
-from ..exudyn_bodies.tangents import places, tangents
+from ..exudyn_bodies.model import registered, start_of_step, user_function
 from ..exudyn_contacts.contact_object import skip_needless_calls
 from ..exudyn_contacts.model_run import ModelRun, runs_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
@@ -34,13 +25,12 @@ from ..support.foreign import Coordinates, ItemIndex, MainSystem, MatrixContaine
 from ..support.interrupt import Interrupt, interruptible
 from ..support.optional import require
 from ..support.progress import LOOK, Progress
+from .newton_goal import force_by_depth
 from .renewals import Iterations, renew
 from .step_control import Pace, Pacing, StepControl
 
-_RESIDUAL = 3e-18  # share of forces that move bodies by their size in a period of f_cut: 1e-8 N for some centimetres
 _OVER = 1e-6  # share of a step: a run that has less time left is at its end
 _SETTLED = 2  # divided load steps that settle before they are longer again
-_ROUNDINGS = 4  # number of roundings of places, of patches or markers, that reach their forces
 _FAR = 1e-3  # share of a facet's size: largest motion in an iteration of bodies that springs hold
 _FAR_ALONE = 0.2  # share of a body's size: the same where nothing is in contact
 _SLOW = 0.1  # rad/s, frequency of bodies on such springs if forces are balanced
@@ -48,102 +38,6 @@ _PRESSED = 0.03  # of f_cut: frequency of bodies on such springs if contacts pre
 _BALANCED = 1e-6  # share of the first forces that may stay without balance
 _ASIDE, _CREEPS = 1e-5, 12  # the same of contact forces, once Newton's method has taken so many iterations
 _BALANCED_BY_FACETS = 1e-4  # the same of press fits: facets push bodies that nothing holds along their surfaces
-_FUNCTION = re.compile(r"\w+::\w*[uU]serFunction\b")  # name of a user function in a report of Exudyn
-_RETURNED = re.compile(r"Unable to cast Python instance of type <class '(?:\w+\.)*(\w+)'>")
-_LINE = re.compile(r"^At:\n +(.+)\((\d+)\): ", re.MULTILINE)  # where the error of a user function was raised
-_TERMINATED = "SolveDynamic terminated"  # Exudyn's only message if steps do not converge
-_SINGULAR = (
-    "Its Jacobian is singular, perhaps because joints hold the same motion twice: let one of them go, as by a "
-    "GenericJoint with fewer constrainedAxes; or give settings with linearSolver.solverType EigenDense and "
-    "linearSolver.ignoreSingularJacobian = True"
-)
-
-
-def residual(mbs: MainSystem, duration: float = 0.0) -> float:
-    """Residual at which Newton's method ends if it cannot reach Exudyn's relative tolerance.
-
-    Residuals are generalised forces: those of modes are forces over the square root of a mass.
-
-    Gaps are differences of places, which count from the contact, and have their rounding errors. A stiff patch turns
-    them into forces, and no iteration reaches a smaller residual. So do stiff springs of Exudyn. So has the elastic
-    force of a body that keeps nodes and flies far, in a run of some duration [s].
-    """
-    bodies, contacts = partition_items(mbs)
-    goal = max((max(_RESIDUAL * _by_size(item), _rounding(mbs, item, duration)) for item in bodies), default=0.0)
-    goal = max(goal, _rounding_of_springs(mbs))
-    for contact in contacts:
-        goal = max(goal, _ROUNDINGS * np.finfo(float).eps * _extent(mbs, contact, duration) * _force_by_depth(contact))
-    return goal or require("exudyn").SimulationSettings().timeIntegration.newton.absoluteTolerance
-
-
-def _force_by_depth(contact: PartitionContact) -> float:
-    """Norm of the generalised forces of a uniform depth of all rows [N/m]; zero if it is not known.
-
-    The stiffness of n rows against equal forces is n^2 / (1' F 1).
-    """
-    gaps = contact.mechanics.gaps
-    if not contact.mechanics.compliant or any(side.flexibility is None for side in gaps.sides):
-        return 0.0
-    n = len(gaps.row_nodes)
-    yielding = NormalRows(gaps).work_of(np.ones(n))
-    of_unit = max(_norm_of_weight(item) / item.body.total_mass for item, _ in contact.sides)
-    return n**2 / yielding * of_unit if yielding > 0.0 else 0.0
-
-
-def _by_size(item: PartitionBody) -> float:
-    """Norm of the generalised forces that accelerate a body by its size times the square of 2 pi f_cut."""
-    size = np.ptp(item.body.points, axis=0).max()
-    return float(_norm_of_weight(item) * size * (2 * np.pi * item.body.f_cut) ** 2)
-
-
-def _rounding(mbs: MainSystem, item: PartitionBody, duration: float) -> float:
-    """Norm of the elastic forces that rounding leaves in a body that flies for some duration [s] at its first speed.
-
-    Nodes in an inertial frame have a stiffness also in rigid motion. Their elastic forces then are sums that cancel
-    out, but for rounding. The body may be moved by its size, too.
-    """
-    if item.frame == "floating" or not len(item.body.basis.nodal):
-        return 0.0
-    way = np.ptp(item.body.points, axis=0).max() + duration * _speed(mbs, item)
-    sums = abs(item.body.stiffness) @ abs(item.body.rigid[:, :3]).max(axis=1)
-    return float(np.finfo(float).eps * way * np.linalg.norm(sums))
-
-
-def _rounding_of_springs(mbs: MainSystem) -> float:
-    """Norm of the forces that rounding of places leaves in items of Exudyn."""
-    forces = np.zeros(mbs.systemData.ODE2Size())
-    way = places(mbs)
-    for item in tangents(mbs):
-        np.add.at(forces, item.columns, abs(item.stiffness) @ way[item.columns])
-    return float(_ROUNDINGS * np.finfo(float).eps * np.linalg.norm(forces))
-
-
-def _norm_of_weight(item: PartitionBody) -> float:
-    """Norm of the generalised forces that accelerate a body by 1 m/s2."""
-    return float(np.linalg.norm(item.kinematics.weight(np.array([0.0, 0.0, 1.0]))))
-
-
-def _speed(mbs: MainSystem, item: PartitionBody) -> float:
-    """Speed of a body's centre of mass at the start [m/s]."""
-    q_t = mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial)
-    momentum = item.kinematics.momentum(np.concatenate([q_t[place] for place in coordinate_slices(mbs, item)]))
-    return float(np.linalg.norm(momentum) / item.body.total_mass)
-
-
-def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> float:
-    """How far from its centre a contact may be in a run of some duration [s]; rounding errors of places grow with it.
-
-    Bodies fly at their first speed, and fall. Farther than by their size they have left the contact.
-    """
-    gaps = contact.mechanics.gaps
-    far = max(gaps.clearance, 0.0) if math.isfinite(gaps.clearance) else 0.0
-    for item, _ in contact.sides:
-        speed = _speed(mbs, item)
-        if item.weight is not None:
-            falling = item.kinematics.momentum(item.weight / item.kinematics.mass) / item.body.total_mass
-            speed += duration * float(np.linalg.norm(falling))
-        far += min(duration * speed, float(np.ptp(item.body.points, axis=0).max()))
-    return far + max(float(abs(side.surface.points - side.centre).max()) for side in gaps.sides)
 
 
 class Watch:
@@ -447,7 +341,7 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
-    of_overlaps = max((contact.mechanics.gaps.overlap * _force_by_depth(contact) for contact in contacts), default=0.0)
+    of_overlaps = max((contact.mechanics.gaps.overlap * force_by_depth(contact) for contact in contacts), default=0.0)
     goal = max(own_tolerance, _BALANCED_BY_FACETS if of_overlaps else _BALANCED)
     start, former = _Start(runs_of(mbs).now(mbs), max(own_absolute, goal * of_overlaps)), {}
 
@@ -538,57 +432,3 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
     way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.approach)
     allowed = max(gaps.surface_gap(q_start), 0.0) + contact.slave_facet_size
     return allowed / way if way > allowed else 1.0
-
-
-def unsettled(mbs: MainSystem, said: str) -> str:
-    """Text for a stop without a cause in Exudyn's message, as when Newton's method of implicit steps fails."""
-    if _TERMINATED not in said:
-        return ""
-    ahead = [contact for contact in partition_items(mbs)[1] if contact.mechanics.ahead]
-    names = ", ".join(repr(contact.name) for contact in ahead)
-    of_contacts = f" with the multipliers of contact {names}" if ahead else ""
-    jump = any(contact.rows == "node-to-segment" and len(contact.sides) > 1 for contact in ahead)
-    rows = ", rows='integrated' (their normals jump less)" if jump else ""
-    return (
-        f": Newton's iteration{of_contacts} does not converge, not even in the shortest step that it may take. Take a "
-        f"shorter step{rows}, a finer mesh of the patches, or settings whose newton.maxIterations is larger"
-    )
-
-
-def cause(error: BaseException) -> str:
-    """Cause of the end of a run, as text: the library's own error beneath Exudyn's report, or a user function's error.
-
-    Raises
-    ------
-    SystemExit
-        If a user function asked for the end of the program.
-    """
-    report, chain = str(error), [error]
-    while (behind := chain[-1].__cause__) is not None:
-        chain.append(behind)
-    root = chain[-1]
-    if isinstance(root, SystemExit):
-        raise root
-    if ours := [str(error) for error in chain if isinstance(error, PartitionError)]:
-        return ours[0]
-    named = _FUNCTION.search(report)
-    function = f"the user function {named[0]}" if named else "a user function"
-    if returned := _RETURNED.search(report):
-        return f"{function} returned a {returned[1]} of another kind or length than Exudyn takes there"
-    if len(chain) > 1 or named:
-        kind, text = (type(root).__name__, str(root)) if len(chain) > 1 else ("", _lines(report)[-1])
-        return f"{': '.join(filter(None, (kind, text)))}, in {function}{_line_of(report)}"
-    lines = _lines(report)
-    said = next((line for line in lines if "Error: " in line), lines[0] if lines else type(error).__name__)
-    said = " ".join(lines) if said.endswith(":") else said
-    return f"{said} {_SINGULAR}" if "matrix is not factorized" in said else said
-
-
-def _line_of(report: str) -> str:
-    """Line that raised the error of a user function, in brackets; empty if the report of Exudyn does not tell."""
-    place = _LINE.search(report)
-    return f" ({Path(place[1]).name}, line {place[2]})" if place else ""
-
-
-def _lines(report: str) -> list[str]:
-    return [line.strip() for line in report.splitlines() if line.strip()]

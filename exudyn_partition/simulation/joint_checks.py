@@ -24,7 +24,7 @@ from ..support.checks import validate_callable
 from ..support.foreign import MainSolver, MainSystem, SimulationSettings
 from ..support.optional import require
 from ..support.progress import Progress
-from .hooks import cause
+from .causes import cause
 from .result import Result
 from .sensor_checks import check_sensors
 

@@ -15,8 +15,8 @@ from ..support.optional import require
 from ..support.progress import Progress
 from .adaptive_options import AdaptiveOptions
 from .continuation import RunEnd, origin_of
-from .hooks import residual
 from .joint_checks import OpenJoints, check_start, refuse_drives_by_rates
+from .newton_goal import newton_goal
 from .stability import StabilityLimits
 from .step_choice import chosen_step
 from .step_control import StepControl
@@ -265,7 +265,7 @@ def _default_settings(mbs: MainSystem, method: Integrator, duration: float) -> S
         # a step, and need smaller ones: they alternate with an error that grows.
         if len(mbs.systemData.GetAECoordinates()):
             integration.newton.relativeTolerance = _RELATIVE
-        integration.newton.absoluteTolerance = _ABOVE * residual(mbs, duration)
+        integration.newton.absoluteTolerance = _ABOVE * newton_goal(mbs, duration)
         # Exudyn finds this small part of the Jacobian of a spring on an interface by differences of all coordinates.
         integration.newton.numericalDifferentiation.jacobianConnectorDerivative = False
     # Where rows open or close, a new Jacobian costs less than the iterations that an old one takes.

@@ -22,17 +22,16 @@ from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
 from .adaptive_options import AdaptiveOptions
+from .causes import cause, unsettled
 from .compiled_plan import check_held
 from .compiled_run import run_compiled
 from .continuation import RunEnd, keep_end, last_end, set_accelerations, start_from, undo_if_refused
 from .hooks import (
     Watch,
     begin_run,
-    cause,
     control_steps,
     hear_of_verlet,
     uncounted_allocations,
-    unsettled,
     watch_steps,
 )
 from .result import Result, cut, end_for, samples

@@ -32,21 +32,21 @@ from ..support.optional import require
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
+from .causes import cause
 from .continuation import keep_end, undo_if_refused
 from .hooks import (
     begin_run,
-    cause,
     divide_load_steps,
     hold_by_springs,
     keep_apart,
     oppose_slips,
-    residual,
     silence,
     watch_steps,
 )
 from .joint_checks import OpenJoints, check_start
 from .joint_jacobian import turn_reactions
 from .modes import ignore_slips, linearised
+from .newton_goal import newton_goal
 from .result import Result, called, samples
 from .reviews.review import reviewed
 from .reviews.reviewed_run import Finding, ReviewedRun
@@ -658,7 +658,7 @@ def _default_settings(mbs: MainSystem, load_steps: int) -> SimulationSettings:
     settings.staticSolver.minimumStepSize = _SHORTEST / load_steps
     newton = settings.staticSolver.newton
     newton.adaptInitialResidual = False  # else a huge residual on the way would count as the first forces
-    newton.absoluteTolerance = residual(mbs)
+    newton.absoluteTolerance = newton_goal(mbs)
     if all(contact.mechanics.zones is None for contact in partition_items(mbs)[1]):
         newton.relativeTolerance = _RELATIVE  # forces of plastic zones are not known as closely
     return settings

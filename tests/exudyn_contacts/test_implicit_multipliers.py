@@ -8,7 +8,7 @@ import pytest
 
 import exudyn_partition as ep
 from exudyn_partition.errors import StoppedRunWarning
-from exudyn_partition.simulation.hooks import unsettled
+from exudyn_partition.simulation.causes import unsettled
 
 SPEED, END = 1.0, 60e-6  # of the ball, whose impact lasts some 50 us
 STEPS = (0.25e-6, 0.6e-6, 1.2e-6)
