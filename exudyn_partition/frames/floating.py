@@ -9,7 +9,6 @@ Theory: examples/site/theory.md, "Floating frame".
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -25,6 +24,7 @@ from ..reduction.body import ReducedBody
 from ..reduction.geometric_stiffness import GeometricStiffness
 from ..reduction.inertia import PAIRS
 from ..support.arrays import Array
+from ..support.attributes import copied
 from . import loops
 from .inertia import Inertia, angular_acceleration
 from .inertial import InertialKinematics
@@ -174,13 +174,13 @@ class FloatingKinematics:
 
     def at(self, nodes: Array) -> FloatingKinematics:
         """See `Kinematics.at`."""
-        result = copy.copy(self)
+        result = copied(self)
         result._follow(nodes)
         return result
 
     def some(self, index: Array) -> FloatingKinematics:
         """See `Kinematics.some`."""
-        result = copy.copy(self)
+        result = copied(self)
         result.nodes, result.arms, result.rows = self.nodes[index], self.arms[index], self.rows[node_dofs(index)]
         result.start = self.start[index]
         result.growth = None if self.growth is None else self.growth[node_dofs(index)]
@@ -188,13 +188,13 @@ class FloatingKinematics:
 
     def displaced(self, by: Array) -> FloatingKinematics:
         """See `Kinematics.displaced`."""
-        result = copy.copy(self)
+        result = copied(self)
         result.arms, result.start = self.arms + by, self.start + by @ self._axes_at_start.T
         return result
 
     def seen_from(self, point: Array) -> FloatingKinematics:
         """See `Kinematics.seen_from`."""
-        result = copy.copy(self)
+        result = copied(self)
         result.start = self.start - point
         return result
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from ..fe.model import node_dofs
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
+from ..support.attributes import copied
 from ..support.once import once
 from . import loops
 from .kinematics import NO_NODES, STILL, node_fields
@@ -49,20 +49,20 @@ class InertialKinematics:
 
     def some(self, index: Array) -> InertialKinematics:
         """See `Kinematics.some`."""
-        result = copy.copy(self)
+        result = copied(self)
         result.nodes, result.arms, result.start = self.nodes[index], self.arms[index], self.start[index]
         result.rows = self.rows[node_dofs(index)]
         return result
 
     def displaced(self, by: Array) -> InertialKinematics:
         """See `Kinematics.displaced`."""
-        result = copy.copy(self)
+        result = copied(self)
         result.arms, result.start = self.arms + by, self.start + by
         return result
 
     def seen_from(self, point: Array) -> InertialKinematics:
         """See `Kinematics.seen_from`."""
-        result = copy.copy(self)
+        result = copied(self)
         result.start = self.start - point
         return result
 

@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Plastic zones".
 
 from __future__ import annotations
 
-import copy
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from ..fe.material import Material
 from ..fe.model import node_dofs
 from ..fe.patches import PlasticRegion
 from ..support.arrays import Array
+from ..support.attributes import copied
 from ..support.checks import read_only
 from . import loops
 from .flow import Flow, PlasticState
@@ -93,7 +93,7 @@ class PlasticZone:
 
         Its `nodes` are numbers among the nodes of this zone.
         """
-        result = copy.copy(self)
+        result = copied(self)
         for known in ("strain", "_force"):
             vars(result).pop(known, None)
         result.nodes, in_part = np.unique(self.own[chosen], return_inverse=True)

@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Plastic zones".
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from ...errors import RunError
 from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
+from ...support.attributes import copied
 from .yielding_patches import Zones, ZonesAnswer
 from .zone_motion import ZoneMotion
 from .zone_state import NodalState
@@ -82,7 +82,7 @@ class NodalZones(Zones):
                 f"method: {method!r} knows no plastic zones of basis 'free'. Take method='explicit', or basis "
                 "'contact-adapted' or 'residual' with formulation='compliance'"
             )
-        return copy.copy(self)
+        return copied(self)
 
     def at(self, states: Sequence[Any], parts: Sequence[Array]) -> ZonesAnswer:
         """Find the states after a step.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from ...algebra.secants import DEPTH, Anderson, Secant
 from ...errors import ComplementarityError
 from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
+from ...support.attributes import copied
 from .yielding_zone import Flowed, Push, YieldingZone, ZoneGuess, ZoneStep, combined
 from .zone_motion import ZoneMotion
 from .zone_state import NodalState, ZoneState
@@ -221,7 +221,7 @@ class YieldingPatches(Zones):
 
     def for_run(self, method: str) -> Self:
         """See `Zones`."""
-        result, explicit = copy.copy(self), method == "explicit"
+        result, explicit = copied(self), method == "explicit"
         # For forces accurate to 1e-4, single precision is enough. It halves the memory that products read.
         kind = np.float32 if explicit else np.float64
         result.zones = [(side, zone.in_precision(kind)) for side, zone in self.zones]

@@ -5,7 +5,6 @@ Theory: examples/site/theory.md, "Plastic zones".
 
 from __future__ import annotations
 
-import copy
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from ...algebra.sparse.flexibility import KeptFlexibility
 from ...plasticity import loops
 from ...plasticity.flow import PlasticState
 from ...support.arrays import Array
+from ...support.attributes import copied
 from .active_points import ActivePoints, OrderedRows
 from .zone_motion import ZoneMotion
 from .zone_state import Applied, Change, ZoneState
@@ -133,7 +133,7 @@ class YieldingZone:
 
     def in_precision(self, kind: type) -> Self:
         """Return the same zone with numbers of this type in large products. It has kept nothing yet."""
-        result = copy.copy(self)
+        result = copied(self)
         result._use(kind)
         return result
 
