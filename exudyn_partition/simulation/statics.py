@@ -536,7 +536,8 @@ def _moor(mbs: MainSystem, holding: Mapping[PartitionBody, Array], q: Array) -> 
             springs[number] = sp.csr_matrix(spring)
             at = np.concatenate([q[place] for place in coordinate_slices(mbs, item)])
             mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness + springs[number]))
-            mbs.SetObjectParameter(number, "forceVector", former[number][1] + springs[number] @ at)
+            own = former[number][1] if np.size(former[number][1]) else 0.0
+            mbs.SetObjectParameter(number, "forceVector", own + springs[number] @ at)
         yield
     finally:
         for number, (stiffness, force) in former.items():
