@@ -341,6 +341,10 @@ def watch_friction(f: Friction, peaks: Peaks, q: Array) -> None:
     starts = f.rows.starts
     j_0, i_0 = len(peaks.force) - len(f.values), len(peaks.lam) - len(f.lam)
     for j in range(len(f.values)):
+        if f.values[j, 1] > 0.0:
+            for i in range(starts[j], starts[j + 1]):
+                if f.lam[i, 0] > 0.0 and -f.gap[i] > peaks.depth[i_0 + i]:
+                    peaks.depth[i_0 + i] = -f.gap[i]
         if f.values[j, 0] > peaks.force[j_0 + j]:
             peaks.force[j_0 + j] = f.values[j, 0]
             for k in range(len(q)):

@@ -44,9 +44,13 @@ def accelerate(bodies: Bodies, moving: Moving | None, m: Motion, half_step: floa
 
 @inlined
 def watch(contacts: FlatContacts, peaks: Peaks, q: Array) -> None:
-    """Keep the largest force of each contact, with forces on rows and coordinates then."""
-    starts, values, lam = contacts.blocks.starts, contacts.values, contacts.blocks.lam
+    """Keep the largest force of each contact, with forces on rows and coordinates then, and depths of closed rows."""
+    starts, values, lam, h = contacts.blocks.starts, contacts.values, contacts.blocks.lam, contacts.h
     for j in range(len(values)):
+        if values[j, 1] > 0.0:
+            for i in range(starts[j], starts[j + 1]):
+                if lam[i] > 0.0 and -h[i] > peaks.depth[i]:
+                    peaks.depth[i] = -h[i]
         if values[j, 0] > peaks.force[j]:
             peaks.force[j] = values[j, 0]
             for k in range(len(q)):

@@ -98,7 +98,7 @@ class Samples(NamedTuple):
 
 
 class Peaks(NamedTuple):
-    """Largest force of each contact so far.
+    """Largest force of each contact so far, and how deep rows were pressed.
 
     Parameters
     ----------
@@ -108,17 +108,20 @@ class Peaks(NamedTuple):
         Normal forces on the rows of each contact then [N].
     q : (nc, nq) array
         Coordinates then.
+    depth : (nr,) array
+        Largest depth of each row while it was closed, by the coordinates alone [m]; minus infinity if it never was.
     """
 
     force: Array
     lam: Array
     q: Array
+    depth: Array
 
     @classmethod
     def of(cls, contacts: FrozenPlan, n: int) -> Peaks:
         """Room for some contacts and n coordinates, without a force."""
         nc = len(contacts.all_names)
-        return cls(np.zeros(nc), np.zeros(contacts.n_rows), np.zeros((nc, n)))
+        return cls(np.zeros(nc), np.zeros(contacts.n_rows), np.zeros((nc, n)), np.full(contacts.n_rows, -np.inf))
 
 
 class ContactParts(NamedTuple):
@@ -445,7 +448,7 @@ class Stepper:
         self._plan, self._joint, self._plain_friction, m = plan, None, None, self.motion
         self._blocks.forget()
         self._blocks.iterations[:] = 0
-        self.peaks.force[:] = 0.0
+        self.peaks.force[:], self.peaks.depth[:] = 0.0, -np.inf
         m.q[:], m.v[:], m.q_start[:] = start.q, start.v, start.q
         if self._friction is not None:
             assert plan.contacts.friction is not None
@@ -673,13 +676,15 @@ class Stepper:
             self._moving.plain.turn_accelerations(bodies, m)
 
     def _watch(self) -> None:
-        """Keep the largest force of each contact."""
-        starts = self.contacts.all_starts
+        """Keep the largest force of each contact, and the depths of closed rows."""
+        starts, lam, depth = self.contacts.all_starts, self._lam(), self.peaks.depth
+        gaps = self._h if self._friction is None else np.concatenate([self._h, self._friction.gap])
+        np.maximum(depth, -gaps, out=depth, where=lam > 0.0)
         for j, force in enumerate(self.values[:, 0]):
             if force > self.peaks.force[j]:
                 rows = slice(*starts[j : j + 2])
                 self.peaks.force[j], self.peaks.q[j] = force, self.motion.q
-                self.peaks.lam[rows] = self._lam()[rows]
+                self.peaks.lam[rows] = lam[rows]
 
     def _lam(self) -> Array:
         """Normal forces on all rows, (nr,) [N]."""

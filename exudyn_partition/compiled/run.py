@@ -59,8 +59,10 @@ class Histories:
         State before the first step, with accelerations.
     end : Start
         State after the last whole step, with accelerations.
+    start_stored : (nc,) array
+        Energy that each contact stores at the start [J].
     end_values, end_stored : (nc, 6), (nc,) arrays
-        Values of each contact there, and the energy that it stores [J].
+        Values of each contact at the end, and the energy that it stores [J].
     peaks : Peaks
         Largest force of each contact.
     left : dict of int to (nq,) array
@@ -86,6 +88,7 @@ class Histories:
     fresh: Array
     start: Start
     end: Start
+    start_stored: Array
     end_values: Array
     end_stored: Array
     peaks: Peaks
@@ -157,7 +160,8 @@ def joined(first: Histories, later: Histories) -> Histories:
         np.concatenate([getattr(part, name) for part in (first, later)]) for name in names
     )
     return replace(
-        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start, lam=None,
+        later, q=q, v=v, a=a, values=values, stored=stored, friction=friction, start=first.start,
+        start_stored=first.start_stored, lam=None,
         traction=None, status=None, fresh=np.zeros((len(q), 0), dtype=bool), made=first.made + later.made,
         iterations=first.iterations + later.iterations,
     )  # fmt: skip
@@ -176,7 +180,7 @@ class Record:
 
     def __init__(self, plan: StepPlan, stepper: Stepper, *, motion: bool = True, rows: bool = True) -> None:
         self._plan, self._stepper, self._motion, self._rows = plan, stepper, motion, rows
-        self._start, self._kept = stepper.state(), list[Samples]()
+        self._start, self._start_stored, self._kept = stepper.state(), stepper.stored.copy(), list[Samples]()
         self._on_rows: tuple[list[sp.csr_matrix], ...] = [], [], []
         first = self.room(1)
         stepper.keep(first, 0)
@@ -203,7 +207,8 @@ class Record:
         lam, traction, status = (sp.vstack(parts, format="csr") if self._rows else None for parts in self._on_rows)
         return Histories(
             q, v, a, values, stored, lam, friction, traction, status, fresh,
-            start=self._start, end=stepper.state(), end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
+            start=self._start, end=stepper.state(), start_stored=self._start_stored,
+            end_values=stepper.values.copy(), end_stored=stepper.stored.copy(),
             peaks=Peaks(*(part.copy() for part in stepper.peaks)),
             left=stepper.left, iterations=stepper.iterations, made=made, stopped=stopped,
         )  # fmt: skip

@@ -20,6 +20,7 @@ from .model import OBJECTS, WORK, BodyItem, Registry, Samples, dofs_of, is_ours,
 
 Force = Callable[[MainSystem], tuple[Array, Array]]  # numbers of coordinates, (k,) int, and the force on them, (k,)
 
+_GRAVITY = "gravity on"  # begin of the name of the force of a body's own object
 _SENSED = ("MassProportional", "Coordinate", "ForceVector", "TorqueVector")  # loads
 
 
@@ -92,12 +93,13 @@ def CreateWorkSensor(mbs: MainSystem) -> WorkSensor:
     if not names:
         raise InputError("mbs: expected joints, springs or loads on partition bodies; add them before this sensor")
     time, work, start = np.inf, np.zeros(len(names)), np.zeros(0)
-    forces, before = list[Force](), list[tuple[Array, Array]]()
+    forces, before, counts = list[Force](), list[tuple[Array, Array]](), (0, 0)
 
     def sample(mbs: MainSystem, t: float, *unused: object) -> Array:
-        nonlocal time, work, start, forces, before
-        if t <= time:  # another run: items have other numbers now if some were deleted
-            forces = _known(mbs, registry, heavy, names)
+        nonlocal time, work, start, forces, before, counts
+        now_there = mbs.systemData.NumberOfObjects(), mbs.systemData.NumberOfLoads()
+        if t <= time or counts != now_there:  # another run: items have other numbers now if some were deleted
+            forces, counts = _known(mbs, registry, heavy, names), now_there
         q, now = mbs.systemData.GetODE2Coordinates(), [force(mbs) for force in forces]
         if t < time:
             work, start, before = np.zeros(len(forces)), q, now
@@ -122,6 +124,11 @@ def _known(mbs: MainSystem, registry: Registry, heavy: Set[int], names: tuple[st
     forces = _forces(mbs, registry, heavy)
     present = _unlike([name for name, _ in forces])
     if present != names:
+        if missing := [name for name in present if name.startswith(_GRAVITY) and name not in names]:
+            raise RunError(
+                f"mbs: {', '.join(missing)} was set after CreateWorkSensor, which does not know it. Call it after the "
+                "forces of bodies are set, or give gravity= to CreatePartitionBody"
+            )
         raise RunError(
             f"mbs: items were added or deleted since CreateWorkSensor: it knows {', '.join(names)}, and now there are "
             f"{', '.join(present) or 'none'}. Make the model anew, and call it after all items"
@@ -153,20 +160,19 @@ def _own_force(mbs: MainSystem, item: BodyItem) -> Array:
 
 
 def _weights(mbs: MainSystem, registry: Registry, heavy: Set[int]) -> list[tuple[str, Force]]:
-    """Name and constant force of each body's own object: gravity.
+    """Name and force of each body's own object: gravity. A run may change it.
 
     Those of the numbers `heavy` are there also while they have none, as what flies while others settle.
     """
 
-    def of_body(item: BodyItem, given: Array) -> Force:
-        return lambda mbs: (dofs_of(mbs, item), given)
+    def of_body(item: BodyItem) -> Force:
+        return lambda mbs: (dofs_of(mbs, item), _own_force(mbs, item))
 
-    terms = []
-    for number, item in registry.bodies.items():
-        force = _own_force(mbs, item)
-        if number in heavy or force.any():
-            terms.append((f"gravity on {item.name or f'body {number}'}", of_body(item, force)))
-    return terms
+    return [
+        (f"{_GRAVITY} {item.name or f'body {number}'}", of_body(item))
+        for number, item in registry.bodies.items()
+        if number in heavy or _own_force(mbs, item).any()
+    ]
 
 
 def _forces_of_objects(mbs: MainSystem, registry: Registry) -> list[tuple[str, Force]]:

@@ -15,7 +15,7 @@ import scipy.sparse.linalg
 from ..algebra.sparse.assembly import assembled
 from ..errors import InputError, RunError
 from ..exudyn_bodies.joints import is_timed, mass_and_rows
-from ..exudyn_bodies.model import dofs_of, validate_model
+from ..exudyn_bodies.model import dofs_of, is_ours, user_function, validate_model
 from ..exudyn_bodies.partition_body import PartitionBody, check_model, largest_way
 from ..exudyn_bodies.user_functions import RIGID
 from ..frames.floating import FloatingKinematics
@@ -276,10 +276,13 @@ def check_joints(
     point_markers = {marker: point for item in bodies for marker, point in item.point_markers.items()}
     size = min((float(np.ptp(item.body.points, axis=0).max()) for item in bodies), default=np.inf)
     constraints = [i for i in range(mbs.systemData.NumberOfObjects()) if len(mbs.systemData.GetObjectLTGAE(i))]
+    switched = _may_be_switched(mbs)
     for number in constraints:
         _refuse_idle_drive(mbs, number)
-        for marker in mbs.GetObject(number).get("markerNumbers", []):
-            if int(marker) in point_markers:
+        entry = mbs.GetObject(number)
+        acts = switched or entry.get("activeConnector", True)
+        for marker in entry.get("markerNumbers", []):
+            if acts and int(marker) in point_markers:
                 raise InputError(
                     f"{_object(mbs, number)} is attached to the body's point {point_markers[int(marker)]}, which was "
                     "reduced away: the body lacks its static answer to forces there and would be too stiff. Join "
@@ -313,6 +316,12 @@ def check_joints(
             label, gap = _object(mbs, number).rstrip(","), float(apart[equations].max())
             open_joints.append(OpenJoint(number, label, gap, equations, _force_sensors(mbs, number)))
     return OpenJoints(mbs, open_joints, gaps, bodies)
+
+
+def _may_be_switched(mbs: MainSystem) -> bool:
+    """Whether a function of the user's may switch joints on in a run."""
+    functions = mbs.GetPreStepUserFunction(), mbs.GetPostStepUserFunction()
+    return any(user_function(entry) is not None and not is_ours(entry) for entry in functions)
 
 
 def _largest_velocity(mbs: MainSystem, bodies: Sequence[PartitionBody]) -> float:

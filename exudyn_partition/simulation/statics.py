@@ -250,7 +250,7 @@ def settle(
     options = {"settings": settings, "progress": progress}
     try:
         with interruptible(), _remove_weight(mbs, [item for item in kept if item.weight is not None]):
-            result, before, rest, open_joints = _rest(mbs, fallen, falling, contacts, **options)
+            result, before, rest, open_joints = _rest(mbs, fallen, falling, kept, contacts, **options)
             pushes = {item: _push(mbs, item, rest - before) for item in falling if _rubs(item, contacts)}
             result = replace(result, end=keep_end(mbs, stopped=result.status == "unstable"))
             result = reviewed(ReviewedRun(mbs, result, open_joints), partial(_creeping, pushes))
@@ -277,10 +277,13 @@ def _rest(
     mbs: MainSystem,
     fallen: Array,
     falling: Mapping[PartitionBody, Array],
+    kept: Sequence[PartitionBody],
     contacts: Sequence[PartitionContact],
     **options: Any,
 ) -> _Rest:
     """Rest of bodies from coordinates to which they have fallen, (nq,): there, tipped, or beside it, in a hollow.
+
+    Those that are `kept` stay where they are, whatever loads act on them.
 
     Raises
     ------
@@ -290,7 +293,7 @@ def _rest(
     refused = None
     for moved, start, moorings in _starts(mbs, fallen, falling, contacts):
         try:
-            found = _rested(mbs, start, [*falling], moorings, **options)
+            found = _rested(mbs, start, [*falling], kept, moorings, **options)
             _refuse_pulled({item: _pull(mbs, item, found.rest - found.before) for item in falling})
         except RunError as error:
             _log.info("no rest where bodies have %s: %s", moved, error)
@@ -417,6 +420,7 @@ def _rested(
     mbs: MainSystem,
     q: Array,
     falling: Sequence[PartitionBody],
+    kept: Sequence[PartitionBody],
     moorings: Sequence[float],
     *,
     settings: SimulationSettings,
@@ -429,10 +433,12 @@ def _rested(
     """
     data, initial = mbs.systemData, require("exudyn").ConfigurationType.Initial
     before, rest, open_joints = q, q, list[OpenJoints]()
+    grips = {item: _grip(item) for item in kept}
     for times in moorings:
         data.SetODE2Coordinates(rest, initial)
+        springs = grips | {item: _mooring(item, times) for item in falling}
         result, open_now = _run(
-            mbs, partial(_moor, mbs, falling, rest, times), load_steps=1, load_factor=True, update_initial=True,
+            mbs, partial(_moor, mbs, springs, rest), load_steps=1, load_factor=True, update_initial=True,
             settings=settings, progress=progress,
         )  # fmt: skip
         open_joints.append(open_now)
@@ -460,6 +466,18 @@ def _split(values: Array, item: PartitionBody) -> list[Array]:
     return np.split(values, np.cumsum(item.node_sizes)[:-1])
 
 
+def _grip(item: PartitionBody) -> Array:
+    """Stiffness, (n, n), of springs that hold a body where it is against loads: on rigid motions, as stiff as f_cut."""
+    return np.asarray((2 * np.pi * item.body.f_cut) ** 2 * _rigid_mass(item))
+
+
+def _rigid_mass(item: PartitionBody) -> Array:
+    """Mass matrix of the rigid part of a body's motion, (n, n)."""
+    kinematics = item.kinematics
+    rigid = np.column_stack([kinematics.rigid_part(one) for one in np.eye(len(kinematics.mass))])
+    return np.asarray(rigid.T @ (kinematics.mass[:, None] * rigid))
+
+
 def _mooring(item: PartitionBody, times: float = 1.0) -> Array:
     """Stiffness, (n, n), of springs on all rigid motions of a body except that along its gravity.
 
@@ -467,10 +485,8 @@ def _mooring(item: PartitionBody, times: float = 1.0) -> Array:
     of the body's size swings, so that a body on a point does not tip over. Springs of several `times` this stiffness
     hold it along its gravity too.
     """
-    kinematics, way = item.kinematics, _way_down(item)
-    rigid = np.column_stack([kinematics.rigid_part(one) for one in np.eye(len(way))])
-    mass_way = kinematics.mass * way
-    mass = rigid.T @ (kinematics.mass[:, None] * rigid)
+    way, mass = _way_down(item), _rigid_mass(item)
+    mass_way = item.kinematics.mass * way
     if times == 1.0:
         mass -= np.outer(mass_way, mass_way) / (way @ mass_way)
     return np.asarray(times * _pendulum(item) * mass)
@@ -510,17 +526,18 @@ def _mooring_force(mbs: MainSystem, item: PartitionBody, moved: Array) -> Array:
 
 
 @contextlib.contextmanager
-def _moor(mbs: MainSystem, items: Sequence[PartitionBody], q: Array, times: float) -> Iterator[None]:
-    """Hold bodies by their `_mooring` where they are at the model's coordinates q, (nq,), within the block."""
+def _moor(mbs: MainSystem, holding: Mapping[PartitionBody, Array], q: Array) -> Iterator[None]:
+    """Hold bodies within the block by springs of these stiffnesses, (n, n), at the model's coordinates q, (nq,)."""
     container, springs, former = require("exudyn").MatrixContainer, registry(mbs).springs, {}
     try:
-        for item in items:
+        for item, spring in holding.items():
             number, stiffness = int(item["oGenericODE2"]), item.as_made["stiffnessMatrix"].csr
             former[number] = stiffness, mbs.GetObjectParameter(number, "forceVector")
-            springs[number] = sp.csr_matrix(_mooring(item, times))
+            springs[number] = sp.csr_matrix(spring)
             at = np.concatenate([q[place] for place in coordinate_slices(mbs, item)])
             mbs.SetObjectParameter(number, "stiffnessMatrix", container(stiffness + springs[number]))
-            mbs.SetObjectParameter(number, "forceVector", former[number][1] + springs[number] @ at)
+            own = former[number][1] if np.size(former[number][1]) else 0.0
+            mbs.SetObjectParameter(number, "forceVector", own + springs[number] @ at)
         yield
     finally:
         for number, (stiffness, force) in former.items():

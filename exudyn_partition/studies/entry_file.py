@@ -16,7 +16,6 @@ from ..compiled.start import Start
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..support.archive import digest
-from ..support.foreign import JSON
 from .points import Parameters, key_of
 from .run_records import Record, RecordFile
 from .varied_model import VariedModel
@@ -43,15 +42,15 @@ class EntryFile:
         self._file = RecordFile(path, {"function": "exudyn_partition.run_many", "fixed": fixed})
         self._lock = threading.Lock()
 
-    def known(self) -> dict[int, JSON]:
-        """Values of entries that the file holds; asked for once, before others are added."""
+    def known(self) -> dict[int, Record]:
+        """Records of entries whose values the file holds; asked for once, before others are added."""
         records, self._file.known = self._file.known, {}  # what is not of these entries takes memory for nothing
         keys = (key_of(self._parameters(entry)) for entry in range(self._model.variations.count))
-        return {entry: records[key]["values"] for entry, key in enumerate(keys) if "values" in records.get(key, {})}
+        return {entry: records[key] for entry, key in enumerate(keys) if "values" in records.get(key, {})}
 
     def add(self, entry: int, outcome: Record, wall_s: float) -> None:
-        """Write an entry: {"values": ...}, or its failure."""
-        record = {"parameters": self._parameters(entry), **outcome, "warnings": [], "wall_s": wall_s}
+        """Write an entry: its values or failure, and warnings."""
+        record = {"parameters": self._parameters(entry), **outcome, "wall_s": wall_s}
         with self._lock:
             self._file.add([record])
 

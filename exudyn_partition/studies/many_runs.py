@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,13 +22,14 @@ from ..exudyn_contacts.partition_contact import PartitionContact, partition_item
 from ..simulation.compiled_plan import check_held
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_integer, validate_path
-from ..support.foreign import JSON, MainSystem
+from ..support.foreign import MainSystem
 from ..support.interrupt import Interrupt, interruptible
 from ..support.machine import available_memory
 from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
 from .entry_file import EntryFile
+from .entry_notes import Moments, Note, Notes, tell
 from .measures import Measures, flies_on
 from .run_records import Record
 from .variations import Variations, Vary
@@ -78,6 +80,8 @@ class ManyRuns:
         Coordinates of the model and their velocities, if they were asked for.
     failures : dict of int to str
         Causes, by the numbers of the entries.
+    warnings : dict of int to tuple of str
+        What was found after runs, by the numbers of the entries, see `run_many`.
     """
 
     t: Array
@@ -97,6 +101,7 @@ class ManyRuns:
     q: Array | None
     q_t: Array | None
     failures: Mapping[int, str]
+    warnings: Mapping[int, tuple[str, ...]]
 
     def __post_init__(self) -> None:
         read_only(*(value for value in vars(self).values() if isinstance(value, np.ndarray)))
@@ -174,6 +179,15 @@ def run_many(
         If the step is above the stability limit of an entry.
     MemoryLimitError
         If the histories would take more than half of the free memory.
+
+    Warns
+    -----
+    ContactPatchWarning, ModelLimitWarning, YieldWarning
+        Once for each finding, with how many runs have it. Of contacts: edge of a patch, overlap at the start, depth,
+        few closed rows, a force off the line of contact, and yield, unless E varies. Of bodies: rotation, turns in a
+        step, and deformation, as they are at the start, after each 2000 steps, at the largest forces, and at the end.
+        And energy that comes from nothing. What else `solve_dynamic` looks for is not asked: run an entry by itself.
+        A contact that never closes has `counts` of zero.
     """
     validate_model(mbs)
     check_held(mbs)
@@ -192,6 +206,7 @@ def run_many(
         interrupt, report = stack.enter_context(interruptible()), stack.enter_context(bar)
         stack.enter_context(one_blas_thread())
         _run_all(model, room, measures, lines, workers, report, interrupt)
+    tell(room.notes, len(room.ends))
     return room.result(bodies, contacts)
 
 
@@ -221,6 +236,7 @@ class _Room:
     q: Array | None
     q_t: Array | None
     failures: dict[int, str]
+    notes: dict[int, list[Note]]
 
     order: Sequence[int]
 
@@ -262,6 +278,7 @@ class _Room:
             q=empty(n, nq) if "coordinates" in kept else None,
             q_t=empty(n, nq) if "coordinates" in kept else None,
             failures={},
+            notes={},
             order=[model.contacts.index(contact) for contact in contacts],
         )
 
@@ -278,14 +295,18 @@ class _Room:
             self.q[entry, :n], self.q_t[entry, :n] = made.q, made.v
 
     def outcome(self, entry: int) -> Record:
-        """Results of an entry as plain values, or its failure; see `take`."""
+        """Results of an entry as plain values, or its failure; see `write_plain`."""
         if entry in self.failures:
-            return {"error": "StoppedRun", "message": self.failures[entry], "traceback": ""}
+            return {"error": "StoppedRun", "message": self.failures[entry], "traceback": "", "warnings": []}
         arrays = {"ends": self.ends, **self.of_contacts, "energy": self.energy, "momentum": self.momentum}
-        return {"values": {name: array[entry].tolist() for name, array in arrays.items()}}
+        values = {name: array[entry].tolist() for name, array in arrays.items()}
+        return {"values": values, "warnings": self.notes.get(entry, [])}
 
-    def write_plain(self, entry: int, values: JSON) -> None:
+    def write_plain(self, entry: int, record: Record) -> None:
         """Write results of an entry that were plain values."""
+        values = record["values"]
+        if record["warnings"]:
+            self.notes[entry] = [Note(*note) for note in record["warnings"]]
         self.ends[entry], self.energy[entry], self.momentum[entry] = (values[k] for k in ("ends", "energy", "momentum"))
         for name, array in self.of_contacts.items():
             array[entry] = values[name]
@@ -295,7 +316,9 @@ class _Room:
         return ManyRuns(
             t=self.t, contacts=tuple(contacts), bodies=tuple(bodies), ends=self.ends, energy=self.energy,
             momentum=self.momentum, force=self.force, q=self.q, q_t=self.q_t,
-            failures=dict(sorted(self.failures.items())), **self.of_contacts,
+            failures=dict(sorted(self.failures.items())),
+            warnings={entry: tuple(note.text for note in notes) for entry, notes in sorted(self.notes.items())},
+            **self.of_contacts,
         )  # fmt: skip
 
 
@@ -312,10 +335,12 @@ def _run_all(
     entries, count = model.entries, model.variations.count
     steps = EqualSteps(model.times.step, model.times.steps)
     known = {} if lines is None else lines.known()
-    for entry, values in known.items():
-        room.write_plain(entry, values)
+    for entry, record in known.items():
+        room.write_plain(entry, record)
     missing, done = [entry for entry in range(count) if entry not in known], len(known)
     known.clear()
+    notes = Notes(model.places, model.contacts, model.gaps, measures.rows, model.variations, model.times.step)
+    looking = threading.Lock()  # bodies and contacts keep what they have found
 
     def run_some(some: Sequence[int]) -> None:
         nonlocal done
@@ -329,11 +354,17 @@ def _run_all(
                 key, contacts = entries.flexibility_key(entry), entries.contacts(entry)
                 stepper = Stepper(contacts, entries.size)
             plan, start = entries.plan(entry, stepper.contacts), entries.start(entry)
-            made = run(plan, start, steps, motion=room.q is not None, rows=False, stepper=stepper)
+            moments, kept = Moments(stepper.motion), {"motion": room.q is not None, "rows": False}
+            made = run(plan, start, steps, **kept, stepper=stepper, report=moments.look)
             if made.stopped and not flies_on(made):
                 room.failures[entry] = f"stopped after {made.made} steps: {made.stopped.text}"
             else:
-                room.write(entry, made, measures.of(entry, plan.bodies, made))
+                peaks = measures.at_peaks(made)
+                room.write(entry, made, measures.of(entry, plan.bodies, made, peaks))
+                with looking:
+                    found = notes.of(plan, made, moments, peaks, room.energy[entry])
+                if found:
+                    room.notes[entry] = found
             if lines is not None:
                 lines.add(entry, room.outcome(entry), time.perf_counter() - begin)
             done += 1

@@ -15,6 +15,7 @@ from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact
 from ..results.impacts import closed_spans
 from ..support.arrays import Array, consecutive
+from .entry_notes import AtPeak
 from .variations import Variations
 
 
@@ -42,13 +43,26 @@ class Measures:
         t: Array,
     ) -> None:
         self._places, self._contacts, self._gaps, self._variations = places, contacts, gaps, variations
-        self._t, self._rows = t, consecutive([len(rows_of(rows)) for rows in gaps])
+        self._t, self.rows = t, consecutive([len(rows_of(rows)) for rows in gaps])
         self._coordinates = [np.concatenate([places[item] for item, _ in contact.sides]) for contact in contacts]
         self._slaves = [
             contact.slave.kinematics.at(rows.slave.surface.nodes) for contact, rows in zip(contacts, gaps, strict=True)
         ]
 
-    def of(self, entry: int, bodies: Bodies, made: Histories) -> tuple[dict[str, Array], Array, Array]:
+    def at_peaks(self, made: Histories) -> list[AtPeak | None]:
+        """Each contact at its largest force; None for one without a force."""
+        return [self._at_peak(j, made) if force > 0.0 else None for j, force in enumerate(made.peaks.force)]
+
+    def _at_peak(self, j: int, made: Histories) -> AtPeak:
+        rows, lam = self._gaps[j], made.peaks.lam[self.rows[j]]
+        if rows.moving:  # their normals are those of the peak; threads may work with others
+            rows = rows.fresh()
+            rows.at(made.peaks.q[j][self._coordinates[j]])
+        return AtPeak(rows, lam if len(lam) == len(rows.row_nodes) else lam[rows.slots])
+
+    def of(
+        self, entry: int, bodies: Bodies, made: Histories, peaks: Sequence[AtPeak | None]
+    ) -> tuple[dict[str, Array], Array, Array]:
         """Numbers by contact, energies, (2, nb) [J], and momenta, (2, nb, 3) [N s], see `ManyRuns`.
 
         `bodies` are those of the entry.
@@ -60,7 +74,7 @@ class Measures:
             "impulse": np.trapezoid(force, t, axis=1),
             "duration": np.array([sum(end - start for start, end in of_contact) for of_contact in spans]),
             "counts": np.array([float(len(of_contact)) for of_contact in spans]),
-            "restitution": np.array([self._restitution(j, made) for j in range(len(force))]),
+            "restitution": np.array([self._restitution(j, made, peak) for j, peak in enumerate(peaks)]),
             "stored": made.end_stored,
             "dissipated": np.zeros(len(force)),
         }
@@ -82,20 +96,15 @@ class Measures:
 
         return [(crossing(first, first - 1), crossing(last, last + 1)) for first, last in closed_spans(force)]
 
-    def _restitution(self, j: int, made: Histories) -> float:
+    def _restitution(self, j: int, made: Histories, peak: AtPeak | None) -> float:
         """See `ManyRuns`."""
-        contact, rows = self._contacts[j], self._gaps[j]
+        contact = self._contacts[j]
         impulse = np.trapezoid(self._normal_forces(j, made), self._t[: made.made + 1], axis=0)
-        if not (size := np.linalg.norm(impulse)):
+        if peak is None or not (size := np.linalg.norm(impulse)):
             return np.nan
         normal = impulse / size
         at_peak = made.peaks.q[j][self._places[contact.slave]]
-        at_rows = made.peaks.lam[self._rows[j]]
-        if rows.moving:  # their normals are those of the peak; threads may work with others
-            rows = rows.fresh()
-            rows.at(made.peaks.q[j][self._coordinates[j]])
-        present = at_rows if len(at_rows) == len(rows.row_nodes) else at_rows[rows.slots]
-        weights = rows.nodal_forces(present)[0] @ normal
+        weights = peak.rows.nodal_forces(peak.lam)[0] @ normal
         at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 

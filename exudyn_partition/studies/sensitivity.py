@@ -120,7 +120,7 @@ def sensitivity(
     One run and one pass backwards give all derivatives. They are those of the steps as they were made, so that they
     agree with differences of `run_many` to round-off where no row changes its status meanwhile: closes, opens, begins
     to slip or ceases to. Where pairs slide while bodies fly apart after contact, the run goes on without contact, as in
-    the ringing after a tap.
+    the ringing after a tap. Nothing is looked at afterwards, such as edges of patches: `solve_dynamic` warns of that.
 
     Parameters
     ----------

@@ -222,3 +222,33 @@ def test_a_run_by_exudyn_that_reads_the_sensor_seldom_can_be_collected(mbs, bodi
     assert contact.force(result).max() > 0
     with pytest.raises(InputError, match=r"read sensor \d+ less often"):
         sensor.work(result)
+
+
+def with_weight(mbs, item, gravity):
+    """Let a body have another weight, as scripts do that switch gravity."""
+    weight = item.kinematics.weight(np.asarray(gravity))
+    mbs.SetObjectParameter(item["oGenericODE2"], "forceVector", weight)
+
+
+def test_gravity_that_comes_after_the_sensor_is_named(bar):
+    mbs, item, _ = swinging(bar, "inertial")
+    mbs.AddLoad(items.LoadForceVector(markerNumber=item.CreateInterfaceMarker(mbs, "right"), loadVector=[0, 0, 1.0]))
+    ep.CreateWorkSensor(mbs)
+    with_weight(mbs, item, GRAVITY)
+    mbs.Assemble()
+    with pytest.raises(RunError, match="gravity on bar was set after CreateWorkSensor"):
+        ep.solve_dynamic(mbs, end_time=5e-6, step=5e-6, method="implicit")
+
+
+@pytest.mark.parametrize("start", [0.0, 3e-3])
+def test_work_of_gravity_that_is_switched_between_runs_is_that_of_each_run(bar, start):
+    """A run that began later than the last one ended took the weight from before."""
+    mbs = exu.SystemContainer().AddSystem()
+    item = ep.CreatePartitionBody(mbs, bar, name="bar", gravity=GRAVITY)
+    work = ep.CreateWorkSensor(mbs)
+    mbs.Assemble()
+    for gravity, begin in ((GRAVITY, 0.0), (-3 * GRAVITY, start)):
+        with_weight(mbs, item, gravity)
+        result = ep.solve_dynamic(mbs, start_time=begin, end_time=begin + 2e-4)
+        done = work.work(result)["gravity on bar"]
+        np.testing.assert_allclose(done, item.energy(result), rtol=1e-6, atol=1e-12 * done[-1])

@@ -28,6 +28,27 @@ def test_joints_on_nodes_that_were_reduced_away(mbs, arm_body, frame):
         ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
 
 
+def test_joints_on_nodes_that_were_reduced_away_may_be_there_if_nothing_switches_them_on(mbs, arm_body):
+    item = ep.CreatePartitionBody(mbs, arm_body, initialVelocity=[0, 0, 1.0])
+    markers = [ground(mbs, (0.005, 0.004, 0.03)), item.CreateNodeMarker(mbs, (0.005, 0.004, 0.03))]
+    joint = mbs.AddObject(items.SphericalJoint(markerNumbers=markers, activeConnector=False))
+    mbs.Assemble()
+    result = ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+    assert item.energy(result)[-1] == pytest.approx(0.5 * arm_body.total_mass, rel=1e-9)
+
+    def switch(mbs, t):
+        mbs.SetObjectParameter(joint, "activeConnector", t > 5e-6)
+        return True
+
+    mbs.SetPreStepUserFunction(switch)
+    with pytest.raises(InputError, match="reduced away"):
+        ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+    mbs.SetPreStepUserFunction(0)
+    mbs.SetObjectParameter(joint, "activeConnector", True)
+    with pytest.raises(InputError, match="reduced away"):
+        ep.solve_dynamic(mbs, end_time=1e-5, method="implicit")
+
+
 def test_joints_on_nodes_of_a_rigid_interface(mbs, arm_body, frame):
     """Their motion is the interface's; Euler parameters of other bodies have constraints without markers."""
     item = ep.CreatePartitionBody(mbs, arm_body, frame=frame)

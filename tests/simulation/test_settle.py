@@ -211,6 +211,27 @@ def test_a_striker_keeps_its_place_and_speed(mbs, kept_pair):
     np.testing.assert_allclose(motion, -0.5 * result.t - G * result.t**2 / 2, atol=1e-9)  # its weight is back
 
 
+@pytest.mark.parametrize("weight", [{}, {"gravity": GRAVITY}])
+@pytest.mark.parametrize("frame", ["inertial", "floating"])
+def test_a_load_on_a_striker_does_not_matter(mbs, kept_pair, frame, weight):
+    """Nothing carries it, so that the statics of all bodies had no equilibrium."""
+    body, radius = kept_pair
+    low = ep.CreatePartitionBody(mbs, body, gravity=GRAVITY, referencePosition=[0, 0, radius])
+    above = {"referencePosition": [0, 0, 4 * radius], "initialVelocity": [0, 0, -0.5], "frame": frame}
+    striker = ep.CreatePartitionBody(mbs, body, **weight, **above)
+    floor = ep.CreatePartitionContact(mbs, low, ep.RigidPlane(), slavePatch="south")
+    load = 0.1 * G * body.total_mass
+    mbs.AddLoad(items.Force(markerNumber=striker.CreatePointMarker(mbs, (0, 0, radius)), loadVector=[load, 0, -load]))
+    mbs.Assemble()
+    static = rest(mbs)
+    np.testing.assert_allclose(floor.force(static)[-1], G * body.total_mass, rtol=1e-4)
+    result = run(mbs)
+    speed = striker.kinematics.momentum(striker.coordinates_t(result)) / body.total_mass
+    fall = 0.1 * G + (G if weight else 0.0)
+    np.testing.assert_allclose(speed[:, 2], -0.5 - fall * result.t, atol=1e-6)
+    np.testing.assert_allclose(speed[:, 0], 0.1 * G * result.t, atol=1e-6)
+
+
 def test_what_cannot_rest_is_refused_and_the_model_stays_as_it_was(mbs, round_body):
     slope = np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0)
     ball = ep.CreatePartitionBody(mbs, round_body, gravity=GRAVITY, referencePosition=[0, 0, 1e-3])

@@ -534,3 +534,63 @@ def test_a_contact_lasts_from_where_its_rows_close(marble, speed, step_of_start)
     assert np.ceil(start / (2 * STEP)) == step_of_start
     runs = many(mbs, {balls[1]: {"initialVelocity": np.array([[0, 0, -speed]])}}, **options)
     assert runs.duration[0, 0] == pytest.approx(12e-6 - start, abs=0.05 * STEP)
+
+
+# What is told after runs.
+
+
+@pytest.fixture(scope="module")
+def yielding():
+    """A marble whose patches are so small that fast impacts leave them, of a material that yields early."""
+    refine = [ep.Refine((0, 0, -R), 0.5e-3, 0.08e-3)]
+    fem = ep.fe_model(occ.Sphere(occ.Pnt(0, 0, 0), R), ep.STEEL, maxh=4e-3, refine=refine, grading=0.6)
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, -R), 0.22e-3, name="south"), f_cut=200e3)
+
+
+def texts_of(warnings_of):
+    """What each run is told, by words that a single run is told too."""
+    words = "edge of its patch", "rotated by more", "yield", "overlap", "closed"
+    return {word for word in words if any(word in text for text in warnings_of)}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_entries_are_told_what_single_runs_are_told(yielding, tmp_path, workers):
+    given = {
+        "initialVelocity": np.array([[0, 0, -2e-4], [0, 0, -0.3], [0, 0, -3.0], [0, 0, -2e-4]]),
+        "initialAngularVelocity": np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 5e3, 0.0]]),
+    }
+    mbs, [ball], _ = fall(yielding)
+    to_file = {"histories": (), "file": tmp_path / "runs.jsonl", "workers": workers}
+    with pytest.warns(ep.errors.PartitionWarning) as told:
+        runs = many(mbs, {ball: given}, **to_file)
+    single = []
+    for entry in range(4):
+        model = fall(yielding, **{name: values[entry] for name, values in given.items()})[0]
+        result = ep.solve_dynamic(model, end_time=END, step=STEP, solver="compiled")
+        single.append(texts_of(result.warnings))
+    assert [texts_of(runs.warnings.get(entry, ())) for entry in range(4)] == single
+    assert single[2] == {"edge of its patch", "yield"}
+    assert single[3] == single[2] | {"rotated by more"}
+    said = [str(w.message) for w in told]
+    assert sum("1 of 4 runs: contact 'floor' reached the edge of its patch" in text for text in said) == 1
+    assert any(w.category is ep.errors.ContactPatchWarning for w in told)
+    with pytest.warns(ep.errors.PartitionWarning) as again:  # the file has it too
+        assert many(mbs, {ball: given}, **to_file).warnings == runs.warnings
+    assert sorted(str(w.message) for w in again) == sorted(said)
+
+
+def test_entries_that_start_within_the_plane_are_told(yielding):
+    mbs, [ball], _ = fall(yielding)
+    places = {"referencePosition": np.array([[0, 0, R + 1e-6], [0, 0, R - 2e-6]]), "initialVelocity": np.zeros((2, 3))}
+    with pytest.warns(ep.errors.ModelLimitWarning, match="1 of 2 runs: contact 'floor' starts with an overlap"):
+        runs = many(mbs, {ball: places})
+    assert [*runs.warnings] == [1]
+
+
+def test_depths_of_rows_by_numpy_and_by_loops_are_equal(yielding):
+    (mbs, [ball], _), speeds = fall(yielding), {"initialVelocity": np.array([[0, 0, -3.0]])}
+    texts = [many(mbs, {ball: speeds}).warnings]
+    with without_numba():
+        texts.append(many(mbs, {ball: speeds}).warnings)
+    assert texts[0] == texts[1]
+    assert "edge of its patch" in texts_of(texts[0][0])

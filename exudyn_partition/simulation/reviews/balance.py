@@ -23,7 +23,7 @@ from ...support.foreign import MainSystem
 from ..result import Result, called
 from .reviewed_run import BodyHistory, Finding, ReviewedRun, lengths, size_of
 
-_OFF = 1e-2  # share of the bodies' largest energy, or largest change of momentum, that may be missing
+OFF = 1e-2  # share of the bodies' largest energy, or largest change of momentum, that may be missing
 _TAKEN = 2e-2  # share of the largest energy that damping of steps, and strong damping of modes, may take
 _AT_REST = 1e-3  # share of the largest energy: a run that ends with less kinetic energy has reached a state at rest
 _STRONG = 0.2  # damping ratio of a mode above which its damping is strong
@@ -163,13 +163,13 @@ def _momenta(run: ReviewedRun, bodies: Sequence[BodyHistory], judged: Array) -> 
         largest = max(
             lengths(given).max(),
             lengths(gained).max(),
-            _ROUND_OFF / _OFF * item.body.total_mass * speed,
-            _SLIGHT / _OFF * lengths(momentum).max(),
+            _ROUND_OFF / OFF * item.body.total_mass * speed,
+            _SLIGHT / OFF * lengths(momentum).max(),
         )
         missing = lengths(gained - given)
         missing[-1] = max(missing[-1] - (t[-1] - t[-2]) * force_at_end, 0.0)  # this force acts within a step
         worst = int(judged[missing[judged].argmax()])
-        if missing[worst] > _OFF * largest:
+        if missing[worst] > OFF * largest:
             yield Finding(
                 f"{called(item)}: at t = {t[worst]:.6g} s its momentum has changed by {gained[worst]} N s, while "
                 f"contacts and gravity have given it {given[worst]} N s: {missing[worst] / largest:.1%} of the largest "
@@ -187,11 +187,11 @@ def _energy(run: ReviewedRun, energies: Balance, samples: Array, free: Array) ->
     if lost_in_steps and (result.newmark is None or result.newmark.damps):
         unsure = unsure + np.maximum(-rest, 0.0)  # damping of the steps may have taken it
     off = np.maximum(abs(rest) - unsure, 0.0) * free[samples]
-    if off.max() > _OFF * largest and result.method == "explicit":
+    if off.max() > OFF * largest and result.method == "explicit":
         swing = _swing(run, samples)
         off = np.minimum(off, np.maximum(abs(rest - swing + swing[0]) - unsure, 0.0))
     worst = int(off.argmax())
-    if off.max() > _OFF * largest:
+    if off.max() > OFF * largest:
         made = "gained" if rest[worst] > 0 else "lost"
         share = abs(rest[worst]) / largest
         of_it = f"{share:.1%} of what" if share < _MANY_TIMES else f"more than {_MANY_TIMES} times what"

@@ -14,7 +14,7 @@ from ..result import called, when
 from .reviewed_run import LARGEST_DEFORMATION, BodyHistory, Finding, ReviewedRun, lengths
 
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
-_LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
+LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
 _LARGEST_AXIAL = 0.1  # compression or tension of a link, by its buckling load
 _LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leaves out
 # That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
@@ -47,10 +47,10 @@ def rotation(run: ReviewedRun) -> Iterator[Finding]:
         if item.frame != "inertial":
             continue
         angle = lengths(body.rigid_motion[:, 3:])
-        if angle.max() > _LARGEST_ROTATION:
-            turned = run.result.t[int((angle > _LARGEST_ROTATION).argmax())]
+        if angle.max() > LARGEST_ROTATION:
+            turned = run.result.t[int((angle > LARGEST_ROTATION).argmax())]
             yield Finding(
-                f"body {item.name!r} has rotated by more than {_LARGEST_ROTATION} rad at {when(run.result, turned)}: "
+                f"body {item.name!r} has rotated by more than {LARGEST_ROTATION} rad at {when(run.result, turned)}: "
                 "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
                 "frame='floating'"
             )

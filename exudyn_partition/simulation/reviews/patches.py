@@ -10,10 +10,11 @@ from scipy.spatial import KDTree
 
 from ...errors import ContactPatchWarning, UnitsWarning
 from ...exudyn_bodies.partition_body import PartitionBody
+from ...support.arrays import Array
 from ..result import called, when
 from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of, surface_of
 
-_ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
+ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
 _FAR, _NEARER = 20.0, 0.01  # distance over the bodies' size that may be a wrong unit; share of it travelled
 _SUNK = 0.1  # of the way in which a row closes after its surfaces have met
@@ -54,15 +55,10 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
             zip(contact.sides, contact.side_names, (-1, 1), strict=False)
         ):
             patch = item.body.partition.patches[number]
-            if item.body.basis.flexibility is None or patch.axes != "normal":
-                continue
-            if patch.wanders:
+            if yields_along_normals(item, number) and patch.wanders:
                 yield from _off_normals(run, history, side, top)
-                continue
-            line = item.kinematics.frame(run.body(item).q[top])[1] @ patch.direction
-            along = sign * float(force @ line)
-            aside = math.atan2(math.sqrt(max(float(force @ force) - along**2, 0.0)), along)  # zero without a resultant
-            if aside > _ASIDE:
+            aside = off_line(item, number, run.body(item).q[top], sign * force)
+            if aside > ASIDE:
                 yield Finding(
                     f"{called(contact)} at {when(run.result, run.result.t[top])}: the force on {name} is "
                     f"{np.degrees(aside):.0f} degrees off the line of contact of its patch, {patch.direction} in the "
@@ -70,6 +66,23 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
                     'too small. Give the partition axes="xyz", or the direction of this force, or take '
                     "Partition.surface"
                 )
+
+
+def yields_along_normals(item: PartitionBody, number: int) -> bool:
+    """Whether the patch of this number yields along its normals only."""
+    return item.body.basis.flexibility is not None and item.body.partition.patches[number].axes == "normal"
+
+
+def off_line(item: PartitionBody, number: int, q: Array, force: Array) -> float:
+    """Angle of a force on a body, (3,), from the one line along which its patch yields at coordinates q, (n,) [rad].
+
+    Zero without a resultant, and for a patch that yields along several lines.
+    """
+    patch = item.body.partition.patches[number]
+    if not yields_along_normals(item, number) or patch.wanders:
+        return 0.0
+    along = float(force @ (item.kinematics.frame(q)[1] @ patch.direction))
+    return math.atan2(math.sqrt(max(float(force @ force) - along**2, 0.0)), along)
 
 
 def _off_normals(run: ReviewedRun, history: ContactHistory, side: int, top: int) -> Iterator[Finding]:
@@ -80,7 +93,7 @@ def _off_normals(run: ReviewedRun, history: ContactHistory, side: int, top: int)
     normals = item.body.partition.patches[number].node_normals @ item.kinematics.frame(item.coordinates(now)[0])[1].T
     sizes = np.linalg.norm(forces, axis=1)
     # An even pressure pulls at corners of some quadratic facets.
-    aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(_ASIDE) * sizes].sum() / sizes.sum()
+    aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(ASIDE) * sizes].sum() / sizes.sum()
     if aside > _SHARE_ASIDE:
         edges = surface_of(item.body, number)
         chosen = 'Leave axes= out of Partition.surface, which takes "xyz" for a patch with sharp edges'

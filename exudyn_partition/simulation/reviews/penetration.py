@@ -20,10 +20,10 @@ from ..result import called, when
 from .crossing_edges import looked_at, neighbours
 from .reviewed_run import BodyHistory, ContactHistory, Finding, ReviewedRun, surface_of
 
-_ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
+ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
 _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
-_ROUND_OFF = 1e-7  # overlap that is round-off, as a share of a facet's size
-_DEEP = 0.15  # depth to which bodies may be pressed into each other, as a share of the radius of the contact area
+ROUND_OFF = 1e-7  # overlap that is round-off, as a share of a facet's size
+DEEP = 0.15  # depth to which bodies may be pressed into each other, as a share of the radius of the contact area
 _DEEP_OF_SOFT, _SOFT = 0.01, 0.1  # the same for a penalty whose stiffness is below this second share of the default
 _SHARP = 0.4  # rad, angle from a facet's normal to the mean one at its node: corners and edges have more
 _BENEATH, _BENEATH_SHARP = 0.05, 1e-3  # depth of a node with no closed row around it, as a share of a facet's size
@@ -41,7 +41,7 @@ def overlap(run: ReviewedRun) -> Iterator[Finding]:
             continue
         first = run.result.at(run.result.t[:1])
         depth, size = contact.depth(first), contact.slave_facet_size
-        if depth <= _ROUND_OFF * size:
+        if depth <= ROUND_OFF * size:
             continue
         stored = float(contact.energy(first)[0])
         bodies = [run.body(item) for item, _ in contact.sides]
@@ -50,7 +50,7 @@ def overlap(run: ReviewedRun) -> Iterator[Finding]:
             thrown = max(body.kinetic_energy.max() for body in bodies) > _MOVED * stored
             share = stored / max(largest, 1e-300)
             energy = f"the {stored:.3g} J that it stores are {share:.2g} of the bodies' largest energy"
-            if not thrown or stored <= _ENERGY * largest:
+            if not thrown or stored <= ENERGY * largest:
                 continue
         elif depth > PENETRATION_TOLERANCE * size:
             energy = "multipliers close it within a step or two"
@@ -82,7 +82,7 @@ def depth(run: ReviewedRun) -> Iterator[Finding]:
             usual, given = formulation.usual_stiffness(contact.mechanics.gaps), formulation.stiffness
             if given < _SOFT * usual:
                 said = f"the penalty stiffness of {given:.4g} N/m3 is too soft, the default is {usual:.3g}"
-        if said or pressed[deepest] > _DEEP * radius:
+        if said or pressed[deepest] > DEEP * radius:
             now = run.result.at(run.result.t[deepest : deepest + 1])
             largest = contact.depth(now)
             said = said or "linear elasticity has no answer for that: check speeds, forces, units and the material"

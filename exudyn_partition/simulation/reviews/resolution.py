@@ -20,9 +20,9 @@ from .reviewed_run import ContactHistory, Finding, ReviewedRun
 _LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
 _STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
 _SAMPLES_AN_IMPACT = 4  # with fewer samples, the force of the impact is not known
-_FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
-_SOME_ROWS = 3  # as many may close at a point on facets as long as its diameter, with a force that is off by a tenth
-_COARSE = 1.8  # size of facets by the radius of a contact at a point, above which that is so
+FEW_ROWS = 2  # so few closed rows at the peak of a force do not resolve it
+SOME_ROWS = 3  # as many may close at a point on facets as long as its diameter, with a force that is off by a tenth
+COARSE = 1.8  # size of facets by the radius of a contact at a point, above which that is so
 
 
 def short_impacts(run: ReviewedRun) -> Iterator[Finding]:
@@ -77,8 +77,8 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
         if not _has_few_rows(history, top, run.result):
             continue
         contact, force, closed = history.contact, float(history.force[top]), int(history.closed_rows[top])
-        point, size = _point(contact), contact.slave_facet_size
-        if closed > _FEW_ROWS and (point is None or size < _COARSE * point.mean_axis(force)):
+        point, size = point_of(contact), contact.slave_facet_size
+        if closed > FEW_ROWS and (point is None or size < COARSE * point.mean_axis(force)):
             continue
         nodes, forces = history.rows.at_sample(top)
         peak = f"{called(contact)} at {when(run.result, run.result.t[top])}"
@@ -101,7 +101,7 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
 def _has_few_rows(history: ContactHistory, top: int, result: Result) -> bool:
     """Whether a contact has few closed rows at its peak, of more, and does not just begin."""
     contact, closed = history.contact, history.closed_rows[top]
-    if history.force[top] <= 0.0 or not 0 < closed <= _SOME_ROWS:
+    if history.force[top] <= 0.0 or not 0 < closed <= SOME_ROWS:
         return False
     if not contact.compliant or contact.n_rows <= closed:
         return False
@@ -140,7 +140,7 @@ def _why_few(point: PointContact | None, force: float) -> str:
     )
 
 
-def _point(contact: PartitionContact) -> PointContact | None:
+def point_of(contact: PartitionContact) -> PointContact | None:
     """Hertz's contact of the true surfaces; None if they do not touch at a point."""
     gaps, surface = contact.mechanics.gaps, None if len(contact.sides) > 1 else cast(RigidSurface, contact.master)
     try:

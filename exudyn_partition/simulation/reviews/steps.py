@@ -11,7 +11,7 @@ from ..item_limits import shorter_steps
 from ..stability import StabilityLimits
 from .reviewed_run import Finding, ReviewedRun
 
-_LARGEST_TURN = 1.0  # rad, for a floating frame in a step: six steps for a full turn
+LARGEST_TURN = 1.0  # rad, for a floating frame in a step: six steps for a full turn
 _OFF_IN_CONTACT = 1e-3  # share of the energy of the largest velocities that long steps may make or lose in contact
 
 
@@ -46,7 +46,7 @@ def turns(run: ReviewedRun) -> Iterator[Finding]:
     for body in run.bodies if run.equal_steps else ():
         if body.item.frame == "floating":
             turn = step * np.linalg.norm(body.q_t[:, 3:6], axis=1).max()
-            if turn > _LARGEST_TURN:
+            if turn > LARGEST_TURN:
                 yield Finding(
                     f"body {body.item.name!r} turns by {turn:.3g} rad in a step of {step:.4g} s: no integrator "
                     f"follows that. Take steps of at most {0.25 * step / turn:.2g} s, 25 a turn, or adaptive=True"
