@@ -46,9 +46,10 @@ from .results.history import History
 from .simulation.collect import collect
 from .simulation.modes import natural_modes
 from .simulation.result import Result
+from .simulation.settling import settle
 from .simulation.solve import solve_dynamic
 from .simulation.stability import stability_limit
-from .simulation.statics import settle, solve_static
+from .simulation.statics import solve_static
 from .simulation.step_control import time_to_contact
 from .studies.many_runs import ManyRuns, run_many
 from .studies.points import sample_parameters
