@@ -15,6 +15,7 @@ from ...contact.patch_gaps import PatchGaps
 from ...contact.side import Side
 from ...errors import InputError
 from ...exudyn_bodies.partition_body import PartitionBody
+from ...exudyn_contacts.contact_replay import forces_of_group
 from ...exudyn_contacts.contact_samples import growing_at
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
@@ -82,8 +83,8 @@ def _displacements(run: ReviewedRun, contact: PartitionContact, sample: int) -> 
     """
     pushed = dict[tuple[PartitionBody, int], Array]()
     now = run.result.at(run.result.t[sample : sample + 1])
-    for member in contact.group:
-        parts = zip(member.sides, member.mechanics.gaps.sides, member.nodal_forces(now), strict=False)
+    for member, on_sides in zip(contact.group, forces_of_group(contact, now), strict=True):
+        parts = zip(member.sides, member.mechanics.gaps.sides, on_sides, strict=False)
         for (item, patch), side, forces in parts:
             on_body = side.kinematics.in_frame(run.body(item).q[sample], forces[0])
             pushed[item, patch] = pushed.get((item, patch), 0.0) + on_body
