@@ -26,12 +26,12 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     return _evaluated_on_nodes([contact], result)[0] if kept is None else kept
 
 
-def forces_of_group(contact: ModelContact, result: RunSamples) -> list[list[Array]]:
-    """Nodal forces of each contact of a group, see `PartitionContact.nodal_forces`; all are evaluated at once."""
-    of_group = [_kept(member, result) for member in contact.group]
-    others = [member for member, kept in zip(contact.group, of_group, strict=True) if kept is None]
+def forces_in_group(contacts: Sequence[ModelContact], result: RunSamples) -> list[list[Array]]:
+    """Nodal forces of contacts of one group, see `PartitionContact.nodal_forces`; the group is evaluated once."""
+    all_kept = [_kept(contact, result) for contact in contacts]
+    others = [contact for contact, kept in zip(contacts, all_kept, strict=True) if kept is None]
     evaluated = iter(_evaluated_on_nodes(others, result) if others else [])
-    return [next(evaluated) if kept is None else kept for kept in of_group]
+    return [next(evaluated) if kept is None else kept for kept in all_kept]
 
 
 def _kept(contact: ModelContact, result: RunSamples) -> list[Array] | None:

@@ -10,7 +10,7 @@ import pytest
 from oracles import MARBLE_RADIUS as R
 
 import exudyn_partition as ep
-from exudyn_partition.exudyn_contacts.contact_replay import forces_of_group
+from exudyn_partition.exudyn_contacts.contact_replay import forces_in_group
 from exudyn_partition.exudyn_contacts.contact_run import ContactRun
 from exudyn_partition.exudyn_contacts.group_run import CoupledRun
 from exudyn_partition.exudyn_contacts.model_run import ModelRun, runs_of
@@ -127,11 +127,11 @@ def test_forces_on_nodes_of_a_group_are_evaluated_once_for_all_its_contacts(marb
     mbs, contacts = chain(marble)
     result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
     two = result.at(result.t[[-20, -1]])
-    alone = [contact.nodal_forces(two) for contact in contacts[0].group]
+    alone = [contact.nodal_forces(two) for contact in contacts]
     kind, asked = type(contacts[0].together), []
     forces = kind.forces
     monkeypatch.setattr(kind, "forces", lambda self, *given: asked.append(given) or forces(self, *given))
-    found = forces_of_group(contacts[1], two)
+    found = forces_in_group(contacts, two)
     assert len(asked) == len(two.t)
     for one, own in zip(found, alone, strict=True):
         assert all(side.any() for side in own)
