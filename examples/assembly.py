@@ -26,7 +26,7 @@ def main(argv=None):
     options = parser.parse_args(argv)
     options.out.mkdir(parents=True, exist_ok=True)
     machine = ep.read_step(write_step(options.out / "machine.step"), scale=1e-3)
-    fine, maxh = (0.5e-3, 8e-3) if options.quick else (0.25e-3, 5e-3)
+    fine, maxh = (0.5e-3, 10e-3) if options.quick else (0.25e-3, 5e-3)
     maxh, refine = {"crank": maxh, "link": maxh, "block": maxh / 2}, [ep.Refine(NOSE, 1.5e-3, fine)]
     fems = ep.fe_models(machine, dict.fromkeys(OF, ep.STEEL), maxh=maxh, refine=refine)
     mbs, bodies, markers = exu.SystemContainer().AddSystem(), {}, {}
@@ -50,7 +50,7 @@ def main(argv=None):
     stop = ep.RigidSphere(center=(NOSE[0] - GAP - STOP, 0, NOSE[2]), radius=STOP)
     contact = ep.CreatePartitionContact(mbs, bodies["block"], stop)
     mbs.Assemble()
-    run = ep.solve_dynamic(mbs, end_time=9e-3, step=2e-6 if not options.quick else 4e-6, method="implicit")
+    run = ep.solve_dynamic(mbs, end_time=9e-3, step=2e-6 if not options.quick else 6e-6, method="implicit")
     return write_results(options.out, machine, fems, bodies, contact, run, rigid_speed(fems, TORQUE, GAP))
 
 

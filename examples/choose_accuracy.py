@@ -47,7 +47,7 @@ def main(argv=None):
     parser.add_argument("--quick", action="store_true", help="coarser meshes, two tolerances, a shorter time")
     parser.add_argument("--out", type=Path, default=Path("out/choose_accuracy"), metavar="DIR")
     options = parser.parse_args(argv)
-    h, maxh, end_time = (0.25e-3, 12e-3, 0.1e-3) if options.quick else (0.12e-3, 6e-3, 0.4e-3)
+    h, maxh, end_time = (0.25e-3, 16e-3, 0.1e-3) if options.quick else (0.12e-3, 6e-3, 0.4e-3)
 
     begin = time.perf_counter()
     models = fe_models(h, maxh)

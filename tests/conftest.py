@@ -22,6 +22,7 @@ TESTS = Path(__file__).parent
 # but reads it from disk later. Long files come before short ones: the last file of a run keeps one worker busy while
 # the other one has nothing to do.
 FIRST = "examples/test_examples.py", "house/test_site.py"
+LAST = "house/test_types.py"  # when the mypy of .ci/run has ended, whose cache makes it four times as quick
 RUNS = re.compile(r"Contact\(|solve_(?:dynamic|static)|reduce_pair|design_impact|^from validation|runpy", re.M)
 LONG = "examples", "meshing", "validation"
 NODAL = "free", "craig-bampton"  # bases that keep the motion of the patch's nodes
@@ -36,22 +37,37 @@ def pytest_configure(config):
     if getattr(config.option, "numprocesses", None):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
+    if os.environ.get("PYTEST_XDIST_WORKER") == "gw1":
+        config.args = from_the_other_end(config.args)
+
+
+def from_the_other_end(arguments):
+    """Folders of the tests, last one first.
+
+    pytest translates each file that it collects, which takes as long as to import all libraries. So each of two workers
+    translates half of them, and reads the others, which the other one has written.
+    """
+    if [Path(one).resolve() for one in arguments] != [TESTS]:
+        return arguments
+    return [str(path) for path in sorted(TESTS.iterdir(), reverse=True) if path.is_dir()]
 
 
 def pytest_collection_modifyitems(items):
-    """Put files in their order; see `FIRST`."""
+    """Put files in their order, see `FIRST`; all workers must have the same."""
 
     @functools.cache
     def place(path):
         name = path.relative_to(TESTS).as_posix()
         if name in FIRST:
             return FIRST.index(name)
+        if name == LAST:
+            return 2 + len(FIRST) + len(LONG)
         folder, _, _ = name.partition("/")
         if folder != "examples" and not RUNS.search(path.read_text()):
             return len(FIRST)
         return 1 + len(FIRST) + (LONG.index(folder) if folder in LONG else len(LONG))
 
-    items.sort(key=lambda item: place(item.path))
+    items.sort(key=lambda item: (place(item.path), item.path))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -22,6 +22,20 @@ _ENERGIES: WeakKeyDictionary[RunSamples, dict[tuple[int, int], Array]] = WeakKey
 
 def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
     """See `PartitionContact.nodal_forces`."""
+    kept = _kept(contact, result)
+    return _evaluated_on_nodes([contact], result)[0] if kept is None else kept
+
+
+def forces_in_group(contacts: Sequence[ModelContact], result: RunSamples) -> list[list[Array]]:
+    """Nodal forces of contacts of one group, see `PartitionContact.nodal_forces`; the group is evaluated once."""
+    all_kept = [_kept(contact, result) for contact in contacts]
+    others = [contact for contact, kept in zip(contacts, all_kept, strict=True) if kept is None]
+    evaluated = iter(_evaluated_on_nodes(others, result) if others else [])
+    return [next(evaluated) if kept is None else kept for kept in all_kept]
+
+
+def _kept(contact: ModelContact, result: RunSamples) -> list[Array] | None:
+    """Nodal forces of a contact as the run kept them; None if they follow from the coordinates."""
     mechanics = contact.mechanics
     if mechanics.gaps.carried:
         return _kept_of_carried(contact, result)
@@ -31,9 +45,14 @@ def nodal_forces(contact: ModelContact, result: RunSamples) -> list[Array]:
         return _kept_on_nodes(contact, result)
     if not mechanics.elastic:
         raise InputError("nodal_forces: multipliers are not known from coordinates; row_forces has what was stored")
-    place = contact.group.index(contact)
-    forces = [parts[place].evaluation.nodal_forces() for parts in _evaluated(contact, result)]
-    return [np.array(side) for side in zip(*forces, strict=True)]
+    return None
+
+
+def _evaluated_on_nodes(contacts: Sequence[ModelContact], result: RunSamples) -> list[list[Array]]:
+    """Nodal forces of contacts that are solved together, evaluated again."""
+    places = [contact.group.index(contact) for contact in contacts]
+    at_times = [[parts[k].evaluation.nodal_forces() for k in places] for parts in _evaluated(contacts[0], result)]
+    return [[np.array(side) for side in zip(*forces, strict=True)] for forces in zip(*at_times, strict=True)]
 
 
 def force_centres(

@@ -10,6 +10,7 @@ import pytest
 from oracles import MARBLE_RADIUS as R
 
 import exudyn_partition as ep
+from exudyn_partition.exudyn_contacts.contact_replay import forces_in_group
 from exudyn_partition.exudyn_contacts.contact_run import ContactRun
 from exudyn_partition.exudyn_contacts.group_run import CoupledRun
 from exudyn_partition.exudyn_contacts.model_run import ModelRun, runs_of
@@ -119,6 +120,23 @@ def test_forces_are_those_of_an_element_for_each_contact(marble, aside, plate, f
     for run, law in zip(runs, (laws[0, 1], laws[1, 2], *([] if plate is None else [laws[0,]])), strict=True):
         np.testing.assert_array_equal(run.evaluation.index, law.evaluation.index)
         np.testing.assert_allclose(run.evaluation.resultant(), law.evaluation.resultant(), rtol=1e-9, atol=1e-9)
+
+
+def test_forces_on_nodes_of_a_group_are_evaluated_once_for_all_its_contacts(marble, monkeypatch):
+    """A review asks for them at samples of each contact; one by one the cost goes with the cube of their number."""
+    mbs, contacts = chain(marble)
+    result = ep.solve_dynamic(mbs, end_time=END, step=STEP)
+    two = result.at(result.t[[-20, -1]])
+    alone = [contact.nodal_forces(two) for contact in contacts]
+    kind, asked = type(contacts[0].together), []
+    forces = kind.forces
+    monkeypatch.setattr(kind, "forces", lambda self, *given: asked.append(given) or forces(self, *given))
+    found = forces_in_group(contacts, two)
+    assert len(asked) == len(two.t)
+    for one, own in zip(found, alone, strict=True):
+        assert all(side.any() for side in own)
+        for side, known in zip(one, own, strict=True):
+            np.testing.assert_array_equal(side, known)
 
 
 def test_the_jacobian_is_the_derivative_of_the_forces(marble):

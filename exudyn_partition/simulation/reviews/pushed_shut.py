@@ -15,6 +15,7 @@ from ...contact.patch_gaps import PatchGaps
 from ...contact.side import Side
 from ...errors import InputError
 from ...exudyn_bodies.partition_body import PartitionBody
+from ...exudyn_contacts.contact_replay import forces_in_group
 from ...exudyn_contacts.contact_samples import growing_at
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
@@ -76,14 +77,16 @@ def _depth_without_row(run: ReviewedRun, history: ContactHistory, sample: int) -
 
 
 def _displacements(run: ReviewedRun, contact: PartitionContact, sample: int) -> list[Array]:
-    """Ways of the nodes of each side by the forces of all contacts of its group, (np, 3) each [m], in the body's axes.
+    """Ways of the nodes of each side by the forces of all contacts of its bodies, (np, 3) each [m], in the body's axes.
 
     These are the ways by residual flexibility, which are not among the coordinates.
     """
     pushed = dict[tuple[PartitionBody, int], Array]()
     now = run.result.at(run.result.t[sample : sample + 1])
-    for member in contact.group:
-        parts = zip(member.sides, member.mechanics.gaps.sides, member.nodal_forces(now), strict=False)
+    bodies = {item for item, _ in contact.sides}
+    beside = [member for member in contact.group if not bodies.isdisjoint(item for item, _ in member.sides)]
+    for member, on_sides in zip(beside, forces_in_group(beside, now), strict=True):
+        parts = zip(member.sides, member.mechanics.gaps.sides, on_sides, strict=False)
         for (item, patch), side, forces in parts:
             on_body = side.kinematics.in_frame(run.body(item).q[sample], forces[0])
             pushed[item, patch] = pushed.get((item, patch), 0.0) + on_body
