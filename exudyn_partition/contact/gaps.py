@@ -666,14 +666,14 @@ class Gaps:
         """
         if not self.moving:
             return _FROZEN
-        if self.anchor is None or not largest_change(self.stance(), self.stance_at(self.anchor)) <= by:
-            here = self.present
-            self.anchor = here.anchor = Anchor(here.q.copy(), self.evaluated_pose, here.growing)
-            _ = self.stage.shares  # which are those of the present places only now
-            rows = self.stage.rows
-            self._anchored = self.anchor, rows, self.stage  # pairs that are followed need no projection anew
-            self._stood = self.anchor, rows, self.stance()
-        return self.anchor
+        anchor, stance = self.anchor, self.stance()
+        if anchor is None or not largest_change(stance, self.stance_at(anchor)) <= by:
+            here, stage = self.present, self.stage
+            self.anchor = here.anchor = anchor = Anchor(here.q.copy(), stage.pose, here.growing)
+            _ = stage.shares  # which are those of the present places only now
+            self._anchored = anchor, stage.rows, stage  # pairs that are followed need no projection anew
+            self._stood = anchor, stage.rows, stance
+        return anchor
 
     def go_on_at(self, anchor: Anchor) -> None:
         """Go on from an anchor that others have found, without a carrier."""

@@ -198,7 +198,7 @@ def choose_rows(
 
 
 def shuts(F: Array, gap: Array, index: Array, forces: Array, depth: float) -> bool:
-    """Whether forces push other rows shut, see `NormalRows.shuts`; F, (nr, nr) [m/N], is symmetric."""
+    """Whether forces push other rows shut, see `RowFlexibility.shuts`; F, (nr, nr) [m/N], is symmetric."""
     if compiled := kernels("contact"):
         return bool(compiled.shuts(F, gap, index, forces, depth))
     pushed = gap + forces @ F.take(index, axis=0)

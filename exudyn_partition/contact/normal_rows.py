@@ -49,29 +49,13 @@ class NormalRows:
 
     def flexibility(self, index: Array) -> Array:
         """Residual flexibility between some present rows, (na, na) [m/N]; for the same rows, the same array."""
-        return self._row_flexibility(index).between(index)
-
-    def regularised_flexibility(self, index: Array) -> Array:
-        """`flexibility`, regularised as in `problem`; for the same rows, it is the same array too."""
-        return self._row_flexibility(index).regularised_between(index)
+        return self.row_flexibility(index).between(index)
 
     def pushing(self, index: Array) -> Array:
         """Motion of all present rows by unit forces on some, (nr, na) [m/N]; not if `Gaps.on_demand`."""
-        return self._row_flexibility(index).pushing(index)
+        return self.row_flexibility(index).pushing(index)
 
-    def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
-        """Whether forces on some rows push others deeper than to a gap `depth` [m]; not if `Gaps.on_demand`.
-
-        Parameters
-        ----------
-        gap : (nr,) array
-            Of the present rows without these forces [m].
-        index, forces : (k,) arrays
-            Rows, ascending, and the forces on them [N].
-        """
-        return self._row_flexibility(index).shuts(gap, index, forces, depth)
-
-    def _row_flexibility(self, index: Array) -> RowFlexibility:
+    def row_flexibility(self, index: Array) -> RowFlexibility:
         """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
         gaps = self.gaps
         if gaps.on_demand:

@@ -553,7 +553,7 @@ class PatchContact:
         """
         if start > self.since:
             evaluation, answered = self.evaluation, self._answered
-            if answered and evaluation.adds_to_state and (self.remembers or self.told or self.damped):
+            if answered and (self.remembers or self.told or self.damped) and evaluation.adds_to_state:
                 self.state = evaluation.after(start)
                 if self.zones is not None and evaluation.plastic is not None:
                     evaluation.plastic.check()

@@ -46,7 +46,15 @@ class RowFlexibility:
         return self._F.take(index, axis=1)
 
     def shuts(self, gap: Array, index: Array, forces: Array, depth: float) -> bool:
-        """See `NormalRows.shuts`."""
+        """Whether forces on some rows push others deeper than to a gap `depth` [m].
+
+        Parameters
+        ----------
+        gap : (nr,) array
+            Of the present rows without these forces [m].
+        index, forces : (k,) arrays
+            Rows, ascending, and the forces on them [N].
+        """
         return loops.shuts(self._F, gap, index, forces, depth)
 
     def regularised_between(self, index: Array) -> Array:

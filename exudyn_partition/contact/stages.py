@@ -101,8 +101,8 @@ class Anchor:
 
     def equals(self, anchor: Anchor) -> bool:
         """Whether the other anchor has the same place."""
-        return self == anchor or (
-            np.array_equal(self.q, anchor.q)
+        return self == anchor or bool(
+            (self.q == anchor.q).all()  # array_equal takes longer
             and np.array_equal(self.pose, anchor.pose)
             and np.array_equal(self.growing, anchor.growing)
         )

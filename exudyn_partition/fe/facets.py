@@ -82,8 +82,8 @@ def flat_triangles(facets: Array) -> tuple[Array, Array]:
 def area_vectors(points: Array, facets: Array) -> Array:
     """(nf, 3) array: outward normals of the facets, by their corners; their length is the area [m2]."""
     a, b, c, *rest = points[facet_corners(facets)].transpose(1, 0, 2)
-    d = rest[0] if rest else a
-    return np.cross(c - a, d - b) / 2
+    (u, v, w), (x, y, z) = (c - a).T, ((rest[0] if rest else a) - b).T  # np.cross takes several times as long
+    return np.stack([v * z - w * y, w * x - u * z, u * y - v * x], axis=1) / 2
 
 
 def nodal_area(points: Array, facets: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..support.arrays import Array
 
@@ -42,8 +43,9 @@ def semi_axes(nodes: Array, forces: Array, starts: Array, points: Array, areas: 
     """
     x = points - points.mean(axis=0)
     squares = (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    each = np.concatenate([x, areas[:, None], squares], axis=1)[nodes]
-    means = np.add.reduceat(forces[:, None] * each, starts) / np.add.reduceat(forces, starts)[:, None]
+    of_nodes = np.concatenate([x, areas[:, None], squares], axis=1)
+    weights = forces / np.repeat(np.add.reduceat(forces, starts), np.diff(starts, append=len(forces)))
+    means = sp.csr_matrix((weights, nodes, np.append(starts, len(nodes))), shape=(len(starts), len(x))) @ of_nodes
     first, area = means[:, :3], means[:, 3]
     moments = means[:, 4:].reshape(-1, 3, 3) - first[:, :, None] * first[:, None, :]
     principal = np.linalg.eigvalsh(moments)[:, :0:-1]

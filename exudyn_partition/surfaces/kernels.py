@@ -185,6 +185,32 @@ def weigh(local: Array, step: Array, table: Array, weights: Array) -> None:
                 weights[i, j] += rrr * t6 + rrs * t7 + rss * t8 + sss * t9
 
 
+@compiled
+def follow_on(x: Array, nodes: Array, start: Array, table: Array, steps: int) -> tuple[Array, Array, Array, Array]:
+    """Coordinates, (k, 2), weights, (k, n), normals, (k, 3), and gaps, (k,), see `pairs.follow`."""
+    k, n, cubic = len(x), nodes.shape[1], len(table) == 10
+    # Laid out as in `moving_kernels`: for others, `settle` would be compiled again.
+    local, step, normal, frames = np.empty((2, k)).T, np.empty((2, k)).T, np.empty((3, k)).T, np.empty((12, k))
+    facet, gap, places = np.arange(k), np.empty(k), np.zeros((k, len(table), 3))
+    for i in range(k):
+        local[i, 0], local[i, 1] = start[i, 0], start[i, 1]
+        for power in range(len(table)):
+            for j in range(n):
+                for axis in range(3):
+                    places[i, power, axis] += table[power, j] * nodes[i, j, axis]
+    if cubic:
+        newton_steps(0, k, x, places, facet, local, step, normal, gap, frames, True)
+    else:
+        newton_steps(0, k, x, places, facet, local, step, normal, gap, frames, False)
+    go_on(facet, x, places, facet, local, step, normal, gap, frames, SETTLED, steps, cubic)
+    weights, there, normals = np.empty((k, n)), np.empty((k, 2)), np.empty((k, 3))
+    weigh(local, step, table, weights)
+    for i in range(k):
+        there[i, 0], there[i, 1] = local[i, 0] + step[i, 0], local[i, 1] + step[i, 1]
+        normals[i, 0], normals[i, 1], normals[i, 2] = normal[i, 0], normal[i, 1], normal[i, 2]
+    return there, weights, normals, gap
+
+
 @inlined
 def turned(turns: Array, f: int, edge: int, r: float, s: float) -> tuple[float, float]:
     """A step in the coordinates of a facet, in those of its neighbour across an edge."""

@@ -159,6 +159,14 @@ def follow(points: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: 
     return found
 
 
+def follow_on(x: Array, nodes: Array, local: Array, steps: int) -> tuple[Array, Array, Array, Array]:
+    """Coordinates, weights, normals and gaps of points, x (k, 3) [m], each on its facet; see `pairs.follow`."""
+    compiled = kernels("surfaces")
+    assert compiled is not None, "asked for what is only done at once"
+    found: tuple[Array, Array, Array, Array] = compiled.follow_on(x, nodes, local, TABLES[nodes.shape[1]], steps)
+    return found
+
+
 def weights(points: Moving) -> Array:
     """Shape functions at the closest points, (k, n)."""
     found: Array = _compiled().weights(points)

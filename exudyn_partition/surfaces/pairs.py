@@ -162,9 +162,9 @@ class MovingPairs:
         """
         found, faces, x, x_m = meet(replace(points, nodes=points.nodes[lost], weights=points.weights[lost]))
         facet, local, rest = self._here
-        searched = index[lost]
-        past, gone = continue_past_rim(found, x, x_m[self.facets], self._neighbours[0], self.size)
-        hold(found, np.flatnonzero(~past), x, x_m[self.facets], self._others, self.size)
+        searched, nodes = index[lost], x_m[self.facets]
+        past, gone = continue_past_rim(found, x, nodes, self._neighbours[0], self.size)
+        hold(found, np.flatnonzero(~past), x, nodes, self._others, self.size)
         gone |= ~faces
         self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
@@ -246,6 +246,9 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     steps : int
         Most steps of Newton's method.
     """
+    if loops.at_once():
+        there, weights, normal, gap = loops.follow_on(points, nodes, local, steps)
+        return Projection(facet, there, weights, normal, gap, np.zeros(len(gap)))
     shape = shape_functions(local, nodes.shape[1])
     frame = shape @ nodes
     miss = points - frame[:, 0]

@@ -8,7 +8,7 @@ from oracles import each_way
 from exudyn_partition.fe.halves import in_halves
 from exudyn_partition.fe.shapes import FACET_NODES
 from exudyn_partition.surfaces.loops import on_nodes
-from exudyn_partition.surfaces.pairs import MovingPairs
+from exudyn_partition.surfaces.pairs import MovingPairs, follow
 from exudyn_partition.surfaces.points import ContactPoints, contact_points
 from exudyn_partition.surfaces.surface import Surface, closest_points
 
@@ -90,6 +90,19 @@ def test_closest_points_are_equal(n_nodes):
     x[:40, 2] *= 0.03
     compiled, plain = each_way(lambda: closest_points(x, master.points[master.facets]))
     same(*([p.facet, p.local, p.weights, p.normal, p.gap, p.offset] for p in (compiled, plain)))
+
+
+@pytest.mark.parametrize("n_nodes", KINDS)
+def test_points_on_continued_facets_are_equal(n_nodes):
+    """Each on its facet, also past its edges, from a guess beside the answer."""
+    master, rng = saddle(n_nodes), np.random.default_rng(4)
+    x = rng.uniform([0.2, 0.2, -0.1], [3.6, 3.6, 0.1], (50, 3))
+    near = closest_points(x + np.array([0.2, -0.1, 0.0]), master.points[master.facets])
+    nodes = master.points[master.facets[near.facet]]
+    compiled, plain = each_way(lambda: follow(x, nodes, near.facet, near.local))
+    same(*([p.facet, p.local, p.weights, p.normal, p.gap, p.offset] for p in (compiled, plain)))
+    foot = np.einsum("kn,knd->kd", compiled.weights, nodes)
+    np.testing.assert_allclose(foot + compiled.gap[:, None] * compiled.normal, x, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])

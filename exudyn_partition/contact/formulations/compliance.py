@@ -20,6 +20,7 @@ from ..followed import BULGE, WIDER
 from ..gaps import SAME, Gaps
 from ..law import Forces, Law, Places, RowDirections
 from ..normal_rows import NormalRows
+from ..row_flexibility import RowFlexibility
 from ..stages import NOTHING
 
 _MARGIN = 2 * BULGE  # of the deepest row's depth: rows with smaller gaps enter, so that the problem seldom changes
@@ -70,6 +71,7 @@ class NormalCompliance(Law):
     _near: Array | None = None  # rows that could close at the last answer
     # These rows, their anchor, their stance there, and the share of the depth below which gaps entered.
     _stood: tuple[object, object, Array, float] = (None, None, NOTHING, BULGE)
+    _flexibility: RowFlexibility  # that of these rows there
     problem: Complementarity
 
     def __init__(self, gaps: Gaps) -> None:
@@ -132,7 +134,7 @@ class NormalCompliance(Law):
             return False
         if self.gaps.on_demand:
             return bool(WIDER * h[near[lam > 0.0]].max(initial=least) > -share * least)
-        return self.rows.shuts(h, near, lam, SHUT * least)
+        return self._flexibility.shuts(h, near, lam, SHUT * least)
 
     def near(self, h: Array, least: float, share: float = BULGE) -> Array:
         """Set up the problem of the rows that can close at gaps h, (nr,) [m]; return their numbers.
@@ -143,7 +145,8 @@ class NormalCompliance(Law):
             self.renew_problem()
             return self._everything
         near = self._near = loops.rows_below(h, -share * least, self._near)
-        F = self.rows.regularised_flexibility(near)
+        self._flexibility = self.rows.row_flexibility(near)
+        F = self._flexibility.regularised_between(near)
         if self.problem.F is not F:
             (nodes, rows), closed = self._closed, np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
             closed[nodes[rows]] = True

@@ -612,7 +612,7 @@ class ForwardIncrement:
             [s]
         by_joints : ByJoints, optional
         """
-        forces, mu = np.zeros((len(places), 3)), np.zeros(len(places))
+        forces = mu = None
         if self.d > 1:
             by_contact = zip(self.rows, last, strict=True)
             before = [friction_before(part.rows, part.friction, answer.slip_memory) for part, answer in by_contact]
@@ -626,13 +626,15 @@ class ForwardIncrement:
         answer = self.rows[0].law.answer(row_places)
         return Solution(answer, places + self._problem.moved_by(answer.on_rows))
 
-    def _pose(self, rows: AllRows, by_joints: ByJoints | None, step: float, status: Array, forces: Array) -> None:
-        """Pose the problem of these rows, with guesses of their status, (nr,), and forces, (nr, 3)."""
+    def _pose(
+        self, rows: AllRows, by_joints: ByJoints | None, step: float, status: Array, forces: Array | None
+    ) -> None:
+        """Pose the problem of these rows, with guesses of their status, (nr,), and with friction forces, (nr, 3)."""
         F = step**2 * (rows.F if by_joints is None else rows.F + by_joints.F)
         if self._problem is None:
             self._problem = RowProblem(self.d, F)
         if self._posed is None or self._posed[0] != rows:
-            self._problem.replace(F, status, forces)
+            self._problem.replace(F, status, _NO_FRICTION if forces is None else forces)
         else:
             self._problem.exchange(F)
         self._posed = rows, by_joints, step

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity, regularised
-from exudyn_partition.contact import loops
 from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.contact.patch_gaps import PatchGaps
+from exudyn_partition.contact.row_flexibility import RowFlexibility
 from exudyn_partition.contact.side import Side
 from exudyn_partition.contact.tangential import directions
 from exudyn_partition.frames.floating import FloatingKinematics
@@ -105,8 +105,8 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
         monkeypatch.setattr(PatchGaps, "on_demand", True)
     pushed = h < -depths * h.min()
     F = 1e-9 * (np.eye(len(h)) - 0.95 / pushed.sum() * np.outer(pushed, pushed))
-    monkeypatch.setattr(NormalRows, "regularised_flexibility", lambda _, index: regularised(F[np.ix_(index, index)]))
-    monkeypatch.setattr(NormalRows, "shuts", lambda _, *args: loops.shuts(F, *args))
+    flexible = RowFlexibility(F)
+    monkeypatch.setattr(NormalRows, "row_flexibility", lambda *_: flexible)
     if friction is not None:  # nothing moves along tangents
         wide = np.kron(F, np.diag([1.0, 0.0, 0.0])) + 1e-9 * np.diag(np.tile([0.0, 1.0, 1.0], len(h)))
         some = [functools.cache(lambda index: wide[np.ix_(*[directions(np.array(index))] * 2)])]
