@@ -263,7 +263,7 @@ def surface_of(body: ReducedBody, patch: int) -> Surface:
 
 
 def deformed_share(item: PartitionBody, q: Array, deformed: Array) -> Array:
-    """See `BodyHistory.deformed_share`, at coordinates, (n, n_dofs), whose part by deformation is `deformed`, (n, n_dofs)."""
+    """See `BodyHistory.deformed_share`: at coordinates q, and at those of the deformation alone, (n, n_dofs) each."""
     body, motion = item.body, abs(deformed)
     of_nodes = motion[:, body.n_shapes :].max(axis=1, initial=0.0) / size_of(body)
     bound: Array = motion[:, : body.n_shapes] @ _largest_motions(body) + of_nodes
