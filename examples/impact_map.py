@@ -30,7 +30,7 @@ def scene(quick):
     fine, bodies = ep.Refine((0, 0, 0), 0.6e-3, 0.3e-3 if quick else 0.2e-3), []
     for shape in (head, bar):
         fem = ep.fe_model(shape, STEEL, maxh=8e-3 if quick else 5e-3, refine=[fine], grading=0.6)
-        bodies.append(ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 0.7e-3), f_cut=60e3))
+        bodies.append(ep.reduce(fem, ep.Partition.ball(fem, (0, 0, 0), 1.1e-3), f_cut=60e3))
     mbs = exu.SystemContainer().AddSystem()
     items = [
         ep.CreatePartitionBody(mbs, body, name=name, referencePosition=[0, 0, gap])

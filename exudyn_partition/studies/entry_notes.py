@@ -30,7 +30,7 @@ from ..simulation.reviews.deformation import LARGEST_ROTATION
 from ..simulation.reviews.patches import ASIDE, off_line
 from ..simulation.reviews.penetration import DEEP, ENERGY, ROUND_OFF
 from ..simulation.reviews.resolution import COARSE, FEW_ROWS, SOME_ROWS, point_of
-from ..simulation.reviews.reviewed_run import LARGEST_DEFORMATION, lengths, size_of
+from ..simulation.reviews.reviewed_run import LARGEST_DEFORMATION, deformed_share, lengths
 from ..simulation.reviews.steps import LARGEST_TURN
 from ..support.arrays import Array
 from ..support.warn import warn
@@ -147,7 +147,7 @@ class Notes:
                 f"{called(item)} turns by more than {LARGEST_TURN:g} rad in a step: no integrator follows that. Take "
                 "a shorter step"
             )
-        if item.deformation(q).max() >= LARGEST_DEFORMATION * size_of(item.body):
+        if deformed_share(item, q, item.kinematics.deformed(q)).max() >= LARGEST_DEFORMATION:
             yield _limit(
                 f"{called(item)}: its contact patch has deformed by more than {LARGEST_DEFORMATION} of the body's "
                 "size. The answer is that of linear elasticity, which no material follows there. Check speeds, units "

@@ -572,7 +572,7 @@ def test_entries_are_told_what_single_runs_are_told(yielding, tmp_path, workers)
     assert single[2] == {"edge of its patch", "yield"}
     assert single[3] == single[2] | {"rotated by more"}
     said = [str(w.message) for w in told]
-    assert sum("1 of 4 runs: contact 'floor' reached the edge of its patch" in text for text in said) == 1
+    assert sum("2 of 4 runs: contact 'floor' reached the edge of its patch" in text for text in said) == 1
     assert any(w.category is ep.errors.ContactPatchWarning for w in told)
     with pytest.warns(ep.errors.PartitionWarning) as again:  # the file has it too
         assert many(mbs, {ball: given}, **to_file).warnings == runs.warnings

@@ -82,12 +82,7 @@ class BodyHistory:
     @FoundOnce
     def deformed_share(self) -> Array:
         """Largest elastic displacement on the patches over the body's size, (n,), or a bound on it, if it is small."""
-        body, motion = self.item.body, abs(self.deformed)
-        of_nodes = motion[:, body.n_shapes :].max(axis=1, initial=0.0) / size_of(body)
-        bound: Array = motion[:, : body.n_shapes] @ _largest_motions(body) + of_nodes
-        if bound.max(initial=0.0) < LARGEST_DEFORMATION:
-            return bound
-        return self.item.deformation(np.where(self.finite[:, None], self.q, 0.0)) / size_of(body)
+        return deformed_share(self.item, np.where(self.finite[:, None], self.q, 0.0), self.deformed)
 
     @FoundOnce
     def rigid_motion(self) -> Array:
@@ -265,6 +260,14 @@ def size_of(body: ReducedBody) -> float:
 def surface_of(body: ReducedBody, patch: int) -> Surface:
     """Surface of a patch in the body's own coordinates, by its number."""
     return body.surface(np.zeros(3), patch)
+
+
+def deformed_share(item: PartitionBody, q: Array, deformed: Array) -> Array:
+    """See `BodyHistory.deformed_share`: at coordinates q, and at those of the deformation alone, (n, n_dofs) each."""
+    body, motion = item.body, abs(deformed)
+    of_nodes = motion[:, body.n_shapes :].max(axis=1, initial=0.0) / size_of(body)
+    bound: Array = motion[:, : body.n_shapes] @ _largest_motions(body) + of_nodes
+    return bound if bound.max(initial=0.0) < LARGEST_DEFORMATION else item.deformation(q) / size_of(body)
 
 
 @once
