@@ -22,7 +22,7 @@ from ...support.arrays import Array
 from ..result import called, when
 from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
 
-_SAMPLES = 8  # that are looked at
+_SAMPLES = 3  # that are looked at beside the largest force: each takes a search as at the start of a run
 _DEEP = 0.25  # depth of a row without force by the largest depth without flexibility; near edges, 0.1 is usual
 
 
