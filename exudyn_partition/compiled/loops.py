@@ -404,8 +404,8 @@ class Stepper:
         self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
         self.values = np.zeros((count, N_VALUES))
         self._parts = [ContactParts.of(contacts, j) for j in range(nc)]
-        self._flat: Any = None
-        if self._kernels:
+        self._flat: Any = None  # contacts without friction; if all have it, loops are not compiled for others
+        if self._kernels and (nc or contacts.friction is None):
             of_frozen = self.values[:nc], self.stored[:nc]
             self._flat = flat_contacts(contacts.rows, self._blocks, self._h, *of_frozen)
         self._friction: FrictionState | None = None
@@ -480,6 +480,9 @@ class Stepper:
         if self._kernels is None:
             return False
         if self._moving is None:
+            if self._flat is None:
+                m.force[:] = 0.0
+                return True
             return evaluate_frozen(self._flat, m.q, m.force) >= 0
         where = self._moving.for_loops, m.q, turning, m.force
         return int(self._kernels.evaluate_moving(self._flat, *where, LIMITS)) >= 0
