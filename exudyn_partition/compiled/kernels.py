@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .loops import Peaks, Samples
     from .moving_kernels import Moving
     from .plan import Bodies, Motion
-    from .rough_kernels import Friction
+    from .rough_kernels import Friction, Rubs
 
 Limits = tuple[float, float, int, int]  # see `block_complementarity.LIMITS`
 
@@ -92,6 +92,7 @@ def advance(
     bodies: Bodies,
     contacts: FlatContacts | None,
     friction: Friction | None,
+    rubs: Rubs | None,
     moving: Moving | None,
     m: Motion,
     samples: Samples,
@@ -118,9 +119,9 @@ def advance(
         if evaluate(contacts, moving, m, limits) < 0:
             return step
         if friction is not None:
-            if not find_rough(friction, moving, m.q, m.q_start, m.force):
+            if not find_rough(friction, rubs, m.q, m.q_start, m.force):
                 return step
-            accept_friction(friction, moving, h)
+            accept_friction(friction, rubs, h)
         if moving is not None:
             act_on_masses(moving.frames, m.q, m.force)
             count_steps(moving.pairs)
@@ -134,7 +135,7 @@ def advance(
             keep(contacts, m, samples, step // between - 1)
             if moving is not None:
                 watch_edges(contacts, moving.pairs, moving.state, m.q)
-                keep_fresh(moving.state, moving.rubs, samples.fresh[step // between - 1])
+                keep_fresh(moving.state, rubs, samples.fresh[step // between - 1])
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
     return count + 1

@@ -153,7 +153,6 @@ class Moving(NamedTuple):
     frames: Frames | None
     surfaces: Surfaces | None
     pairs: Pairs | None
-    rubs: Rubs | None
     state: MovingState
     bounds: Bounds
 
@@ -168,14 +167,12 @@ def rigid_sides(contacts: Sequence[Following]) -> list[RigidSide]:
     return found
 
 
-def moving_of(
-    plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None, rubs: Rubs | None
-) -> Moving:
+def moving_of(plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None) -> Moving:
     """What moves in a run of a plan; loops write to the state's arrays."""
     addresses = np.array([address(side) for side in sides], dtype=np.int64)
     surfaces = flat_surfaces((*plan.surfaces, addresses, sides[0])) if sides else None
     frames = flat_frames(plan.frames) if len(plan.frames.rotation) else None
-    return Moving(frames, surfaces, pairs, rubs, flat_state(state), plan.bounds)
+    return Moving(frames, surfaces, pairs, flat_state(state), plan.bounds)
 
 
 @inlined
@@ -544,7 +541,7 @@ def evaluate_moving(
     They act on the true masses, see `act_on_masses`. Return how many contacts push, or -1 if pairs slide, other rows
     must be found, or none settle.
     """
-    frames, surfaces, pairs, _, state, bounds = moving
+    frames, surfaces, pairs, state, bounds = moving
     turn_frames(frames, state, v)
     if contacts is None:
         for k in range(len(force)):
