@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba.experimental import structref
 
-from ..algebra.kernels import on_active, settle_blocks
+from ..algebra.kernels import blocks_object, on_active, settle_blocks
 from ..algebra.product_kernels import matrix_at
 from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
@@ -679,7 +679,7 @@ define_struct(FlatContacts, FlatContactsType, [*FlatContacts.__annotations__])
 @compiled
 def flat_contacts(rows: RowsObject, blocks: FlatBlocks, *results: Array) -> FlatContacts:
     """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return FlatContacts(rows, blocks, *results)  # type: ignore[no-untyped-call]
+    return FlatContacts(rows, blocks_object(blocks), *results)  # type: ignore[no-untyped-call]
 
 
 @compiled
