@@ -134,7 +134,8 @@ def advance(
         if step % between == 0:
             keep(contacts, m, samples, step // between - 1)
             if moving is not None:
-                watch_edges(contacts, moving.pairs, moving.state, m.q)
+                if contacts is not None:
+                    watch_edges(contacts, moving.pairs, moving.state, m.q)
                 keep_fresh(moving.state, rubs, samples.fresh[step // between - 1])
             if friction is not None:
                 keep_friction(friction, samples, step // between - 1)
