@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numba.experimental import structref
 
@@ -11,9 +9,6 @@ from ..support.arrays import Array
 from ..support.compiled import compiled, external, inner
 from ..support.struct_kernels import StructType, define_struct
 from .product_kernels import matrix_at
-
-if TYPE_CHECKING:
-    from .flat_friction import FlatFriction
 
 FrictionLimits = tuple[float, float, float, int, int]  # see `flat_friction.FRICTION_LIMITS`
 
@@ -65,7 +60,7 @@ def friction_object(*arrays: Array) -> FrictionObject:
 
 
 @inner
-def turn_to(p: FrictionObject, pool: FlatFriction, number: int, row: int, square: int, k: int, chord: int) -> None:
+def turn_to(p: FrictionObject, pool: FrictionObject, number: int, row: int, square: int, k: int, chord: int) -> None:
     """Take the problem with a number out of `FlatFriction.pool`: k rows, after so many rows, and entries of F."""
     m = chord + 2
     p.counts = pool.counts[N_COUNTS * number : N_COUNTS * (number + 1)]

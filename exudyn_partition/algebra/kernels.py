@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numba.experimental import structref
 
 from ..support.arrays import Array
-from ..support.compiled import compiled, inner
+from ..support.compiled import compiled, inlined, inner
+from ..support.struct_kernels import StructType, define_struct
+from .block_complementarity import FlatBlocks
 from .product_kernels import matrix_at
 
 if TYPE_CHECKING:
-    from .block_complementarity import FlatBlocks, FlatCore
+    from .block_complementarity import FlatCore
+
+
+@structref.register
+class BlocksType(StructType):
+    """Type of `BlocksObject` in compiled loops."""
+
+
+class BlocksObject(structref.StructRefProxy):
+    """`FlatBlocks` as one object: code that hands on each array takes long to compile."""
+
+
+define_struct(BlocksObject, BlocksType, FlatBlocks._fields)
+
+
+@inlined
+def blocks_object(blocks: FlatBlocks) -> Any:
+    """Make one; it has the same arrays."""
+    return BlocksObject(*blocks)  # type: ignore[no-untyped-call]
 
 
 @inner
@@ -265,7 +286,7 @@ def settle_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float,
 @compiled
 def solve_blocks(blocks: FlatBlocks, h: Array, rounding: float, settled: float, steps: int, patience: int) -> bool:
     """See `settle_blocks`."""
-    return settle_blocks(blocks, h, rounding, settled, steps, patience)
+    return settle_blocks(blocks_object(blocks), h, rounding, settled, steps, patience)
 
 
 @inner

@@ -24,8 +24,7 @@ from .rubbing_kernels import accept_rubbing, anchor_rubbing, push_rubbing, rub
 if TYPE_CHECKING:
     from .friction_plan import Choosing
     from .loops import Peaks, Samples
-    from .moving_kernels import Moving
-    from .rough_kernels import Friction
+    from .rough_kernels import Friction, Rubs
 
 N_ROWS, N_CLOSED, STALE, STEPS, ITERATIONS = range(5)  # see `algebra.flat_friction`
 OPEN, STICK, SLIP = 0, 1, 2
@@ -220,9 +219,7 @@ def count_iterations(f: Friction, g: int, count: int) -> None:
 
 
 @inner
-def solve_group(
-    f: Friction, moving: Moving | None, g: int, q: Array, limits: FrictionLimits, choosing: Choosing
-) -> bool:
+def solve_group(f: Friction, rubs: Rubs | None, g: int, q: Array, limits: FrictionLimits, choosing: Choosing) -> bool:
     """Find the forces of a group of contacts; whether they settle."""
     starts, first, last = f.rows.starts, f.groups[g], f.groups[g + 1]
     top, end, least, pushing = starts[first], starts[last], 0.0, False
@@ -233,8 +230,7 @@ def solve_group(
     if least >= 0.0 and not (several and pushing):
         open_rows(f, top, end)
         return True
-    if moving is not None:
-        anchor_rubbing(f, moving.rubs, moving.state, g, q)
+    anchor_rubbing(f, rubs, g, q)
     if several and pushing:
         push_others(f, g)
     if f.owner[0] != g:
@@ -301,26 +297,22 @@ def values_of_contact(f: Friction, j: int, force: Array) -> None:
 
 
 @compiled
-def find_friction(f: Friction, moving: Moving | None, q: Array, q_from: Array, force: Array) -> bool:
+def find_friction(f: Friction, rubs: Rubs | None, q: Array, q_from: Array, force: Array) -> bool:
     """Add generalised forces at coordinates q, in a step from q_from; False if pairs slide or forces do not settle."""
     limits, choosing = f.limits, f.choosing
-    if not places_of_rows(f, q, q_from):
+    if not places_of_rows(f, q, q_from) or not rub(f, rubs, q):
         return False
-    if moving is not None:
-        if not rub(f, moving.rubs, moving.state, q):
-            return False
     for g in range(len(f.F_starts)):
-        if not solve_group(f, moving, g, q, limits, choosing):
+        if not solve_group(f, rubs, g, q, limits, choosing):
             return False
     for j in range(len(f.ways)):
         values_of_contact(f, j, force)
-    if moving is not None:
-        push_rubbing(f, moving.rubs, q, force)
+    push_rubbing(f, rubs, q, force)
     return True
 
 
 @compiled
-def accept_friction(f: Friction, moving: Moving | None, step: float) -> None:
+def accept_friction(f: Friction, rubs: Rubs | None, step: float) -> None:
     """Take the answer as the end of a step [s], see `contact.memory.RowMemory.after`."""
     for i in range(len(f.gap)):
         slides = f.status[i] == SLIP
@@ -331,8 +323,7 @@ def accept_friction(f: Friction, moving: Moving | None, step: float) -> None:
             f.before[i, a], f.forces[i, a] = f.forces[i, a], f.lam[i, a]
     for j in range(len(f.taken)):
         f.dissipated[j] += f.taken[j]
-    if moving is not None:
-        accept_rubbing(f, moving.rubs)
+    accept_rubbing(f, rubs)
 
 
 @inner

@@ -15,7 +15,7 @@ from ..algebra.block_complementarity import LIMITS, BlockComplementarity, FlatBl
 from ..algebra.flat_friction import FRICTION_LIMITS
 from ..algebra.loops import friction_object
 from ..contact.gaps import GapState
-from ..contact.loops import evaluate_frozen, flat_contacts
+from ..contact.loops import evaluate_frozen, flat_contacts, rows_object
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
@@ -188,13 +188,13 @@ class RubbingSteps:
         self.state = RubbingState.of(plan, len(flat.tangents), n)
         self._sides: Any = ()  # which loops find by their addresses
 
-    def for_loops(self, contacts: Sequence[Following]) -> Any:
-        """The contacts as compiled loops take them."""
+    def for_loops(self, contacts: Sequence[Following], state: MovingState) -> Any:
+        """The contacts as compiled loops take them; `state` is that by which bodies grow."""
         moving, found = kernels("compiled", "moving_kernels"), kernels("compiled", "rubbing_kernels")
         assert found is not None, "asked for what is only done at once"
         assert moving is not None, "asked for what is only done at once"
         self._sides = moving.rigid_sides(contacts)
-        return found.rubs_of(self._plan, self.state, self._sides)
+        return found.rubs_of(self._plan, self.state, state, self._sides)
 
     def plain(self, moving: MovingState, bodies: Sequence[PlainBody]) -> PlainRubbing:
         """The contacts by NumPy."""
@@ -248,8 +248,12 @@ class MovingSteps:
             first = len(self._plan.surfaces.contact)
             pairs = self._loops.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
         self._sides = found.rigid_sides(self._plan.rigid)
-        rubs = None if self._rubbing is None else self._rubbing.for_loops(self._plan.rubbing)
-        return found.moving_of(self._plan, self._state, self._sides, pairs, rubs)
+        return found.moving_of(self._plan, self._state, self._sides, pairs)
+
+    @cached_property
+    def rubs(self) -> Any:
+        """Contacts with friction as compiled loops take them; None if there are none."""
+        return None if self._rubbing is None else self._rubbing.for_loops(self._plan.rubbing, self._state)
 
     @cached_property
     def plain(self) -> PlainMoving:
@@ -407,8 +411,8 @@ class Stepper:
         self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
         self.values = np.zeros((count, N_VALUES))
         self._parts = [ContactParts.of(contacts, j) for j in range(nc)]
-        self._flat: Any = None
-        if self._kernels:
+        self._flat: Any = None  # contacts without friction; if all have it, loops are not compiled for others
+        if self._kernels and (nc or contacts.friction is None):
             of_frozen = self.values[:nc], self.stored[:nc]
             self._flat = flat_contacts(contacts.rows, self._blocks, self._h, *of_frozen)
         self._friction: FrictionState | None = None
@@ -483,6 +487,9 @@ class Stepper:
         if self._kernels is None:
             return False
         if self._moving is None:
+            if self._flat is None:
+                m.force[:] = 0.0
+                return True
             return evaluate_frozen(self._flat, m.q, m.force) >= 0
         where = self._moving.for_loops, m.q, turning, m.force
         return int(self._kernels.evaluate_moving(self._flat, *where, LIMITS)) >= 0
@@ -517,9 +524,10 @@ class Stepper:
             assert friction is not None
             self._plain().recall(friction, m.q, m.force)
             return None
-        moving = None if self._moving is None or not self._kernels else self._moving.for_loops
-        if self._kernels is not None and self._kernels.find_friction(self._loop, moving, m.q, m.q_start, m.force):
-            return None
+        if self._kernels is not None:
+            rubs = None if self._moving is None else self._moving.rubs
+            if self._kernels.find_friction(self._loop, rubs, m.q, m.q_start, m.force):
+                return None
         return self._find_friction()
 
     def _plain(self) -> FrictionSteps:
@@ -570,11 +578,12 @@ class Stepper:
         the start of a step.
         """
         m = self.motion
-        moving = None
+        rubs = moving = None
         if self._moving is not None:
             self._moving.step(h)
-            moving = self._moving.for_loops if self._kernels else None
-        for_loops = self._plan.bodies, self._flat, self._loop, moving, m, samples, self.peaks, LIMITS, h
+            if self._kernels:
+                rubs, moving = self._moving.rubs, self._moving.for_loops
+        for_loops = self._plan.bodies, self._flat, self._loop, rubs, moving, m, samples, self.peaks, LIMITS, h
         while first <= count:
             if self._kernels:
                 first = self._kernels.advance(*for_loops, first, count, between)
@@ -711,9 +720,10 @@ class Stepper:
 
 def friction_of(rows: FlatFrictionRows, state: FrictionState) -> Any:
     """All contacts with friction as compiled loops take them."""
-    found, problem = kernels("compiled", "rough_kernels"), friction_object(state.pool)
+    found, (flat, *arrays), (memory, *changing, pool) = kernels("compiled", "rough_kernels"), rows, state
     assert found is not None, "asked for what is only done at once"
-    return found.friction_of(*rows, *state.memory, *state[1:], problem, FRICTION_LIMITS, CHOICES)
+    objects = rows_object(flat), friction_object(pool), friction_object(pool)
+    return found.friction_of(*objects, *arrays, *memory, *changing, FRICTION_LIMITS, CHOICES)
 
 
 def forces_of(plan: FrozenPlan, joint: BlockComplementarity, h: Array, active: Array) -> tuple[Array, Array, Array]:

@@ -150,10 +150,9 @@ class Moving(NamedTuple):
     What a plan does not have is None, so that loops are not compiled for it.
     """
 
-    frames: Frames
+    frames: Frames | None
     surfaces: Surfaces | None
     pairs: Pairs | None
-    rubs: Rubs | None
     state: MovingState
     bounds: Bounds
 
@@ -168,13 +167,12 @@ def rigid_sides(contacts: Sequence[Following]) -> list[RigidSide]:
     return found
 
 
-def moving_of(
-    plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None, rubs: Rubs | None
-) -> Moving:
+def moving_of(plan: MovingPlan, state: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None) -> Moving:
     """What moves in a run of a plan; loops write to the state's arrays."""
     addresses = np.array([address(side) for side in sides], dtype=np.int64)
     surfaces = flat_surfaces((*plan.surfaces, addresses, sides[0])) if sides else None
-    return Moving(flat_frames(plan.frames), surfaces, pairs, rubs, flat_state(state), plan.bounds)
+    frames = flat_frames(plan.frames) if len(plan.frames.rotation) else None
+    return Moving(frames, surfaces, pairs, flat_state(state), plan.bounds)
 
 
 @inlined
@@ -188,25 +186,26 @@ def sizes_of(surfaces: Surfaces, s: int) -> tuple[int, int, int, int, int, int, 
 
 
 @inner
-def turn_frames(frames: Frames, state: MovingState, v: Array) -> None:
+def turn_frames(frames: Frames | None, state: MovingState, v: Array) -> None:
     """Set by what products of angular velocities bodies grow at the model's velocities, see `turn`."""
-    for b in range(len(frames.rotation)):
-        first, products, axes = frames.places[b] + 3, state.products[b], frames.node_axes[b]
-        omega, square = np.zeros(3), 0.0
-        for i in range(3):
-            square += v[frames.dofs[first + i]] ** 2
-            for k in range(3):
-                omega[i] += axes[i, k] * v[frames.dofs[first + k]]
-        x, y, z = omega
-        products[0], products[1], products[2] = x * x, y * y, z * z
-        products[3], products[4], products[5] = y * z, x * z, x * y
-        growth = 0.0
-        for c in range(6):
-            growth += abs(products[c]) * frames.largest[b, c]
-        state.grows[b] = not square <= frames.slow[b] and not growth <= frames.least[b]
-        if not state.grows[b]:
+    if frames is not None:
+        for b in range(len(frames.rotation)):
+            first, products, axes = frames.places[b] + 3, state.products[b], frames.node_axes[b]
+            omega, square = np.zeros(3), 0.0
+            for i in range(3):
+                square += v[frames.dofs[first + i]] ** 2
+                for k in range(3):
+                    omega[i] += axes[i, k] * v[frames.dofs[first + k]]
+            x, y, z = omega
+            products[0], products[1], products[2] = x * x, y * y, z * z
+            products[3], products[4], products[5] = y * z, x * z, x * y
+            growth = 0.0
             for c in range(6):
-                products[c] = 0.0
+                growth += abs(products[c]) * frames.largest[b, c]
+            state.grows[b] = not square <= frames.slow[b] and not growth <= frames.least[b]
+            if not state.grows[b]:
+                for c in range(6):
+                    products[c] = 0.0
 
 
 @inner
@@ -448,20 +447,21 @@ def forces_of_surface(
 
 
 @inner
-def act_on_masses(frames: Frames, q: Array, force: Array) -> None:
+def act_on_masses(frames: Frames | None, q: Array, force: Array) -> None:
     """Replace forces of contacts on bodies in floating frames by those on the constant mass, see `on_constant_mass`."""
-    for b in range(len(frames.rotation)):
-        first, end, some = frames.places[b], frames.places[b + 1], False
-        for i in range(first, end):
-            some |= force[frames.dofs[i]] != 0.0
-        if some and not frames.constant[b]:
-            q_b, pushed = gathered(frames.dofs, first, end, q), gathered(frames.dofs, first, end, force)
-            n = end - first - 6
-            integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
-            cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
-            pushed = push_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
+    if frames is not None:
+        for b in range(len(frames.rotation)):
+            first, end, some = frames.places[b], frames.places[b + 1], False
             for i in range(first, end):
-                force[frames.dofs[i]] = pushed[i - first]
+                some |= force[frames.dofs[i]] != 0.0
+            if some and not frames.constant[b]:
+                q_b, pushed = gathered(frames.dofs, first, end, q), gathered(frames.dofs, first, end, force)
+                n = end - first - 6
+                integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
+                cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
+                pushed = push_mass(integrals, cross, frames.tensor[b], q_b[6:], pushed)
+                for i in range(first, end):
+                    force[frames.dofs[i]] = pushed[i - first]
 
 
 @inner
@@ -533,14 +533,21 @@ def forces_of_pairs(contacts: FlatContacts, pairs: Pairs | None, q: Array, force
 
 
 @compiled
-def evaluate_moving(contacts: FlatContacts, moving: Moving, q: Array, v: Array, force: Array, limits: Limits) -> int:
+def evaluate_moving(
+    contacts: FlatContacts | None, moving: Moving, q: Array, v: Array, force: Array, limits: Limits
+) -> int:
     """Find forces of contacts without friction at coordinates, with bodies that grow as they turn at velocities.
 
     They act on the true masses, see `act_on_masses`. Return how many contacts push, or -1 if pairs slide, other rows
     must be found, or none settle.
     """
-    rows, blocks, h, (frames, surfaces, pairs, _, state, bounds) = contacts.rows, contacts.blocks, contacts.h, moving
+    frames, surfaces, pairs, state, bounds = moving
     turn_frames(frames, state, v)
+    if contacts is None:
+        for k in range(len(force)):
+            force[k] = 0.0
+        return 0
+    rows, blocks, h = contacts.rows, contacts.blocks, contacts.h
     state.lost[0] = -1
     if not gaps_of_frozen(rows, q, h):
         return -1
@@ -597,52 +604,58 @@ def watch_edges(contacts: FlatContacts, pairs: Pairs | None, state: MovingState,
 
 
 @inner
-def turn_on(frames: Frames, m: Motion, h: float) -> None:
+def turn_on(frames: Frames | None, m: Motion, h: float) -> None:
     """Compose the rotations at the start of a step with those of the step; Exudyn adds up everything else."""
-    v, way, result = np.empty(3), np.empty(3), np.empty(3)
-    for b in range(len(frames.rotation)):
-        first = frames.places[b] + 3
-        for i in range(3):
-            dof = frames.dofs[first + i]
-            v[i], way[i] = frames.rotation[b, i] + m.q_start[dof], h * m.v[dof]
-        compose(v, way, result)
-        for i in range(3):
-            m.q[frames.dofs[first + i]] = result[i] - frames.rotation[b, i]
+    if frames is not None:
+        v, way, result = np.empty(3), np.empty(3), np.empty(3)
+        for b in range(len(frames.rotation)):
+            first = frames.places[b] + 3
+            for i in range(3):
+                dof = frames.dofs[first + i]
+                v[i], way[i] = frames.rotation[b, i] + m.q_start[dof], h * m.v[dof]
+            compose(v, way, result)
+            for i in range(3):
+                m.q[frames.dofs[first + i]] = result[i] - frames.rotation[b, i]
 
 
 @inner
-def add_inertia(bodies: Bodies, frames: Frames, m: Motion, half_step: float) -> None:
+def add_inertia(bodies: Bodies, frames: Frames | None, m: Motion, half_step: float) -> None:
     """Add inertia forces of floating frames to those of contacts, see `user_functions.inertia_functions`.
 
     `half_step` is that since the middle of the step, to which velocities belong; zero if they belong to its end.
     """
-    for b in range(len(frames.rotation)):
-        first, end = frames.places[b], frames.places[b + 1]
-        n, moves = end - first - 6, False
-        v, z = gathered(frames.dofs, first + 3, end, m.v), gathered(frames.dofs, first + 6, end, m.q)
-        for i in range(len(v)):
-            moves |= v[i] != 0.0
-        if not moves:
-            continue
-        integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
-        cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
-        stiffness = gathered(frames.dofs, first + 6, end, bodies.stiffness)
-        if half_step > 0.0:
-            way = z - gathered(frames.dofs, first + 6, end, m.q_start)
-            q_t, q_tt = gathered(frames.dofs, first + 3, end, m.v_start), gathered(frames.dofs, first + 3, end, m.a)
-            v = end_velocities(cross, v, stiffness * way, q_t, q_tt, half_step)
-        found = inertia_force(integrals, cross, frames.tensor[b], stiffness * z, frames.coupled[b], v[:3], z, v[3:])
-        for i in range(len(found)):
-            m.force[frames.dofs[first + 3 + i]] += found[i]
+    if frames is not None:
+        for b in range(len(frames.rotation)):
+            first, end = frames.places[b], frames.places[b + 1]
+            n, moves = end - first - 6, False
+            v, z = gathered(frames.dofs, first + 3, end, m.v), gathered(frames.dofs, first + 6, end, m.q)
+            for i in range(len(v)):
+                moves |= v[i] != 0.0
+            if not moves:
+                continue
+            integrals = frames.numbers[frames.integrals[b] :][: 6 * (n + 1) ** 2].reshape(6, n + 1, n + 1)
+            cross = frames.numbers[frames.cross[b] :][: 3 * n * n].reshape(3, n, n)
+            elastic, change = np.empty(n), np.empty(n)
+            for i in range(n):
+                dof = frames.dofs[first + 6 + i]
+                elastic[i] = bodies.stiffness[dof] * z[i]
+                change[i] = bodies.stiffness[dof] * (z[i] - m.q_start[dof])
+            if half_step > 0.0:
+                q_t, q_tt = gathered(frames.dofs, first + 3, end, m.v_start), gathered(frames.dofs, first + 3, end, m.a)
+                v = end_velocities(cross, v, change, q_t, q_tt, half_step)
+            found = inertia_force(integrals, cross, frames.tensor[b], elastic, frames.coupled[b], v[:3], z, v[3:])
+            for i in range(len(found)):
+                m.force[frames.dofs[first + 3 + i]] += found[i]
 
 
 @inner
-def turn_accelerations(bodies: Bodies, frames: Frames, m: Motion) -> None:
+def turn_accelerations(bodies: Bodies, frames: Frames | None, m: Motion) -> None:
     """Set the angular accelerations, whose inertia is no diagonal."""
-    for b in range(len(frames.rotation)):
-        first = frames.places[b] + 3
-        for i in range(3):
-            m.a[frames.dofs[first + i]] = 0.0
-            for k in range(3):
-                dof = frames.dofs[first + k]
-                m.a[frames.dofs[first + i]] += frames.inverse[b, i, k] * (m.force[dof] + bodies.load[dof])
+    if frames is not None:
+        for b in range(len(frames.rotation)):
+            first = frames.places[b] + 3
+            for i in range(3):
+                m.a[frames.dofs[first + i]] = 0.0
+                for k in range(3):
+                    dof = frames.dofs[first + k]
+                    m.a[frames.dofs[first + i]] += frames.inverse[b, i, k] * (m.force[dof] + bodies.load[dof])

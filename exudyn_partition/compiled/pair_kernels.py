@@ -13,8 +13,7 @@ from numba.experimental import structref
 
 from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import FlatPair, followed_gaps, pushed_pairs, rows_along
-from ..frames.kernels import body_axes
-from ..frames.node_kernels import FlatNodes
+from ..frames.node_kernels import FlatNodes, axes_at
 from ..support.arrays import Array
 from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType, address_of, define_struct, struct_at
@@ -333,7 +332,7 @@ def set_along(nodes: FlatNodes, normals: Array, q: Array, along: Array) -> None:
         for i in range(len(along)):
             along[i, 0] = 1.0
         return
-    axes = body_axes(q, nodes.rotation, nodes.node_axes) if nodes.floats else np.eye(3)
+    axes = axes_at(nodes, q)
     for i in range(len(along)):
         for a in range(3):
             along[i, a] = 0.0

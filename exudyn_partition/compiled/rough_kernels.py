@@ -11,11 +11,10 @@ from ..support.compiled import compiled
 from ..support.struct_kernels import StructType, define_struct
 
 if TYPE_CHECKING:
-    from ..algebra.flat_friction import FlatFriction
     from ..algebra.friction_kernels import FrictionLimits, FrictionObject
     from ..contact.linear_gaps import FlatRows
     from .friction_plan import Choosing
-    from .moving import Surfaces
+    from .moving import MovingState, Surfaces
 
 
 @structref.register
@@ -24,9 +23,14 @@ class FrictionType(StructType):
 
 
 class Friction(structref.StructRefProxy):
-    """All contacts with friction of a run as one object: rows, memory and state, see `friction_plan`."""
+    """All contacts with friction of a run as one object: rows, memory and state, see `friction_plan`.
+
+    `rows` is a `kernels.RowsObject`, `pool` has the problems of all groups, `problem` the one at hand.
+    """
 
     rows: FlatRows
+    pool: FrictionObject
+    problem: FrictionObject
     ways: Array
     numbers: Array
     tangents: Array
@@ -62,8 +66,6 @@ class Friction(structref.StructRefProxy):
     friction: Array
     stored: Array
     iterations: Array
-    pool: FlatFriction
-    problem: FrictionObject
     limits: FrictionLimits
     choosing: Choosing
 
@@ -83,8 +85,9 @@ class RubsType(StructType):
 
 
 class Rubs(structref.StructRefProxy):
-    """`Rubbing` and `RubbingState` as one object."""
+    """`Rubbing` and `RubbingState` as one object, with that state of the run by which bodies grow."""
 
+    moving: MovingState
     surfaces: Surfaces
     groups: Array
     first_axis: Array

@@ -14,12 +14,11 @@ import numpy as np
 from ..algebra.product_kernels import matrix_at
 from ..contact.kernels import at_points, directed_rows, rigid_gaps, rows_along, tangents_of
 from ..contact.tangential import STEEP
-from ..frames.kernels import body_axes
-from ..frames.node_kernels import act
+from ..frames.node_kernels import act, axes_at
 from ..support.arrays import Array
 from ..support.compiled import called, inner
 from .body_kernels import gathered
-from .moving_kernels import RigidSide, address, flat_surfaces, products_of, renew_anchor, side_at
+from .moving_kernels import RigidSide, address, flat_state, flat_surfaces, products_of, renew_anchor, side_at
 from .pair_kernels import growing
 from .rough_kernels import Rubs, rubs
 
@@ -32,10 +31,10 @@ find_rigid_gaps, find_tangents, find_pushes = called(rigid_gaps), called(tangent
 find_rows, find_directed = called(rows_along), called(directed_rows)
 
 
-def rubs_of(plan: Rubbing, state: RubbingState, sides: Sequence[RigidSide]) -> Rubs:
+def rubs_of(plan: Rubbing, state: RubbingState, moving: MovingState, sides: Sequence[RigidSide]) -> Rubs:
     """These contacts in a run, which loops write to; hold the sides as long as loops use it."""
     addresses = np.array([address(side) for side in sides], dtype=np.int64)
-    return rubs(flat_surfaces((*plan.surfaces, addresses, sides[0])), *plan[1:-1], *state)
+    return rubs(flat_state(moving), flat_surfaces((*plan.surfaces, addresses, sides[0])), *plan[1:-1], *state)
 
 
 @inner
@@ -61,13 +60,13 @@ def set_tangents(f: Friction, r: Rubs, s: int) -> None:
 
 
 @inner
-def place_rows(f: Friction, r: Rubs, state: MovingState, s: int, q: Array) -> None:
+def place_rows(f: Friction, r: Rubs, s: int, q: Array) -> None:
     """Set gaps, normals, places and tangents of the rows of a contact at the model's coordinates."""
     surfaces, j = r.surfaces, r.surfaces.contact[s]
     side, first, end, point = side_at(surfaces, s), f.rows.starts[j], f.rows.starts[j + 1], surfaces.firsts[s]
     surface = surfaces.kind[s], surfaces.point[s], surfaces.axis[s], surfaces.radius[s], surfaces.sign[s]
     q_s = gathered(surfaces.dofs, surfaces.places[s], surfaces.places[s + 1], q)
-    products = growing(state, surfaces.body[s])
+    products = growing(r.moving, surfaces.body[s])
     gap, normals = find_rigid_gaps(side.points, side.nodes, surface, q_s, np.empty(0), products, side.x)
     for i in range(len(normals)):
         for a in range(3):
@@ -88,7 +87,7 @@ def place_rows(f: Friction, r: Rubs, state: MovingState, s: int, q: Array) -> No
                 part = share * weights[number, k]
                 for a in range(3):
                     place[i, a] += part * x[nodes[number, k], a]
-    axes = body_axes(q_s, side.nodes.rotation, side.nodes.node_axes) if side.nodes.floats else side.nodes.axes
+    axes = axes_at(side.nodes, q_s)
     for a in range(3):
         for b in range(3):
             r.axes[s, a, b] = axes[a, b]
@@ -120,24 +119,24 @@ def slide_rows(f: Friction, r: Rubs, s: int) -> bool:
 
 
 @inner
-def rub(f: Friction, r: Rubs | None, state: MovingState, q: Array) -> bool:
+def rub(f: Friction, r: Rubs | None, q: Array) -> bool:
     """Set gaps, tangents and ways of all these rows at the model's coordinates; whether they are finite."""
     if r is not None:
         for s in range(len(r.groups)):
-            place_rows(f, r, state, s, q)
+            place_rows(f, r, s, q)
             if not slide_rows(f, r, s):
                 return False
     return True
 
 
 @inner
-def anchor_rubbing(f: Friction, r: Rubs | None, state: MovingState, g: int, q: Array) -> None:
+def anchor_rubbing(f: Friction, r: Rubs | None, g: int, q: Array) -> None:
     """Find the flexibility of the rows of a group again that have moved far since, see `Gaps.anchored`."""
     if r is not None:
         for s in range(len(r.groups)):
             if r.groups[s] == g:
                 kept = r.along, r.anchors, r.growing
-                if renew_anchor(r.surfaces, state, s, q, r.normals, kept, r.anchored[s], r.same[s]):
+                if renew_anchor(r.surfaces, r.moving, s, q, r.normals, kept, r.anchored[s], r.same[s]):
                     r.anchored[s], r.found_axis[s] = True, -1
                 if r.found_axis[s] != r.axis[s]:
                     find_flexibility(f, r, s)
@@ -158,14 +157,15 @@ def rows_at_anchor(f: Friction, r: Rubs, s: int) -> Array:
         if d == 1:
             along = np.full((len(along), 1), -1.0)
         return find_rows(starts, columns, means, nodes, weights, along, k)
-    normals, axis = np.zeros((nr, 3)), np.zeros(3)
+    normals, axis, every = np.zeros((nr, 3)), np.zeros(3), np.empty(nr, np.int64)
     for i in range(nr):
+        every[i] = i
         for e in range(starts[i], starts[i + 1]):
             for a in range(3):
                 normals[i, a] += means[e] * along[columns[e], a]
     axis[r.axis[s]] = 1.0
     tangents, _ = find_tangents(normals, axis)
-    return find_directed(starts, columns, means, np.arange(nr), nodes, weights, along, tangents, k)
+    return find_directed(starts, columns, means, every, nodes, weights, along, tangents, k)
 
 
 @inner

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba.experimental import structref
 
-from ..algebra.kernels import on_active, settle_blocks
+from ..algebra.kernels import blocks_object, on_active, settle_blocks
 from ..algebra.product_kernels import matrix_at
 from ..frames.node_kernels import FlatNodes, act, set_places
 from ..support.arrays import Array
 from ..support.compiled import called, compiled, inlined, inner
 from ..support.struct_kernels import StructType, define_struct
 from ..surfaces.moving_kernels import Followed, follow_rows, forces_on_nodes, gaps_of_rows
+from .linear_gaps import FlatRows
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
-    from .linear_gaps import FlatRows
 
 Choosing = tuple[float, float, int, int, float]  # see `formulations.compliance.CHOOSING`
 
@@ -637,6 +637,24 @@ def forces_of_frozen(
 
 
 @structref.register
+class RowsType(StructType):
+    """Type of `RowsObject` in compiled loops."""
+
+
+class RowsObject(structref.StructRefProxy):
+    """`FlatRows` as one object: code that hands on each array takes long to compile."""
+
+
+define_struct(RowsObject, RowsType, FlatRows._fields)
+
+
+@compiled
+def rows_object(*arrays: Array) -> RowsObject:
+    """Make one of its arrays; unlike its own constructor, this is kept on disk."""
+    return RowsObject(*arrays)  # type: ignore[no-untyped-call]
+
+
+@structref.register
 class FlatContactsType(StructType):
     """Type of `FlatContacts` in compiled loops."""
 
@@ -644,7 +662,8 @@ class FlatContactsType(StructType):
 class FlatContacts(structref.StructRefProxy):
     """What stays where it is while pairs are frozen, see `frozen.FrozenContacts`.
 
-    It is one object, because to pass each of its arrays takes longer than the loops themselves.
+    It is one object, because to pass each of its arrays takes longer than the loops themselves. `rows` is a
+    `RowsObject`.
     """
 
     rows: FlatRows
@@ -658,9 +677,9 @@ define_struct(FlatContacts, FlatContactsType, [*FlatContacts.__annotations__])
 
 
 @compiled
-def flat_contacts(rows: FlatRows, blocks: FlatBlocks, *results: Array) -> FlatContacts:
+def flat_contacts(rows: RowsObject, blocks: FlatBlocks, *results: Array) -> FlatContacts:
     """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return FlatContacts(rows, blocks, *results)  # type: ignore[no-untyped-call]
+    return FlatContacts(rows, blocks_object(blocks), *results)  # type: ignore[no-untyped-call]
 
 
 @compiled

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from ..frames.node_kernels import FlatNodes
     from ..surfaces.moving_kernels import Followed
-    from .kernels import FlatContacts, FlatPair, FlatPoints
+    from .kernels import FlatContacts, FlatPair, FlatPoints, RowsObject
     from .linear_gaps import FlatRows
     from .triangle_tree import TriangleTree
 
@@ -430,9 +430,15 @@ def row_gaps(rows: Followed, of_points: Array, here: Array, *bounds: float) -> t
     return gaps
 
 
+def rows_object(rows: FlatRows) -> RowsObject:
+    """The same arrays as one object."""
+    found: RowsObject = _compiled().rows_object(*rows)
+    return found
+
+
 def flat_contacts(rows: FlatRows, blocks: FlatBlocks, h: Array, values: Array, stored: Array) -> FlatContacts:
     """Contacts with frozen pairs, and room for their results, see `evaluate_frozen`."""
-    contacts: FlatContacts = _compiled().flat_contacts(rows, blocks, h, values, stored)
+    contacts: FlatContacts = _compiled().flat_contacts(rows_object(rows), blocks, h, values, stored)
     return contacts
 
 

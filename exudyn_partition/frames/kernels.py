@@ -267,21 +267,22 @@ def angular_acceleration(J: Array, C: Array, torque: Array, force: Array) -> Arr
     u, v, w = A[1, 2], A[0, 2], A[0, 1]
     xx, yy, zz = e * f - u * u, d * f - v * v, d * e - w * w
     yz, xz, xy = v * w - d * u, u * w - e * v, u * v - f * w
-    x = np.empty(3)
-    x[0] = xx * b[0] + xy * b[1] + xz * b[2]
-    x[1] = xy * b[0] + yy * b[1] + yz * b[2]
-    x[2] = xz * b[0] + yz * b[1] + zz * b[2]
-    x /= d * xx + w * xy + v * xz
+    x, determinant = np.empty(3), d * xx + w * xy + v * xz
+    x[0] = (xx * b[0] + xy * b[1] + xz * b[2]) / determinant
+    x[1] = (xy * b[0] + yy * b[1] + yz * b[2]) / determinant
+    x[2] = (xz * b[0] + yz * b[1] + zz * b[2]) / determinant
     return x
 
 
 @inner
 def end_velocities(cross: Array, middle: Array, change: Array, q_t: Array, q_tt: Array, half_step: float) -> Array:
     """See `InertiaForces.end_velocities`; `cross` as in `inertia_force`."""
-    n, v = len(change), middle + half_step * q_tt
+    n, v, gained = len(change), np.empty(len(middle)), np.empty(len(change))
+    for i in range(len(v)):
+        v[i] = middle[i] + half_step * q_tt[i]
     for i in range(n):
         v[3 + i] -= half_step * change[i]
-    gained = v[3:] - q_t[3:]
+        gained[i] = v[3 + i] - q_t[3 + i]
     for i in range(n):
         force = 0.0
         for a in range(3):
@@ -349,7 +350,10 @@ def inertia_force(
         for i in range(n):
             result[3 + i] = force[i]
         return result
-    omega_t = angular_acceleration(J, C, torque, force - elastic)
+    acting = np.empty(n)
+    for i in range(n):
+        acting[i] = force[i] - elastic[i]
+    omega_t = angular_acceleration(J, C, torque, acting)
     for a in range(3):
         for b in range(3):
             result[a] += tensor[a, b] * omega_t[b]

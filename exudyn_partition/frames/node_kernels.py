@@ -74,6 +74,14 @@ def set_places(nodes: FlatNodes, q: Array, products: Array, x: Array) -> None:
 
 
 @inner
+def axes_at(nodes: FlatNodes, q: Array) -> Array:
+    """Axes of the body at coordinates q, as columns, (3, 3)."""
+    if nodes.floats:
+        return body_axes(q, nodes.rotation, nodes.node_axes)
+    return nodes.axes
+
+
+@inner
 def act(nodes: FlatNodes, q: Array, forces: Array, result: Array) -> None:
     """Add generalised forces of forces on the patch's nodes, (np, 3), to a result, (n,); see `Kinematics.generalised`.
 

@@ -29,6 +29,7 @@ from .progress import say
 F = TypeVar("F", bound=Callable[..., object])
 
 _PACKAGE = Path(__file__).parents[1]
+_DOOR = {"no_cfunc_wrapper": True}  # nobody calls loops from C
 _NO_DOOR = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _OPTIONS = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "nsz"}}  # sums in any order; NaN stays NaN
 
@@ -67,12 +68,12 @@ def forget_stale(folder: Path) -> None:
 
 def compiled(function: F) -> F:
     """Return the function, which is compiled when it is called first, for the types of its arguments."""
-    return _compiled(function, **_OPTIONS)
+    return _compiled(function, **_OPTIONS, **_DOOR)
 
 
 def unlocked(function: F) -> F:
     """Return a compiled function that lets other Python threads run; for loops that take long."""
-    return _compiled(function, nogil=True, **_OPTIONS)
+    return _compiled(function, nogil=True, **_OPTIONS, **_DOOR)
 
 
 def inner(function: F) -> F:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import CompiledRunError, InputError
+from exudyn_partition.support.compiled import kernels
 
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
 R, CLOSE, END = 0.01, 1e-9, 20e-6
@@ -261,6 +262,20 @@ def test_steps_by_numpy_are_the_same(marbles, scene):
     assert compiled[:2].any(axis=1).all()
     np.testing.assert_allclose(plain, compiled, rtol=0, atol=CLOSE * compiled.max())
     np.testing.assert_allclose(q_plain, q, rtol=0, atol=CLOSE * abs(q).max())
+
+
+def test_loops_are_compiled_for_what_a_run_has(marbles):
+    """Not for contacts without friction, or frames that turn, where there are none; those of friction for all alike."""
+    loops, of_friction = kernels("compiled"), kernels("compiled", "friction_kernels")
+    if loops is None:
+        pytest.skip("numba is not there")
+    for scene in ("rubs in a bore, inertial", "rubs on a plane", "beside friction"):
+        mbs, *_ = SCENES[scene](marbles)
+        ep.solve_dynamic(mbs, end_time=1e-6, step=0.1e-6, solver="compiled")
+    kinds = [(str(some[1]), some[4]) for some in loops.advance.overloads]
+    in_frames_at_rest = {contacts for contacts, moving in kinds if str(getattr(moving, "types", "?")[0]) == "none"}
+    assert "none" in in_frames_at_rest
+    assert len(of_friction.solve_group.dispatcher.overloads) <= 2  # with rows that follow the motion, and without
 
 
 @pytest.mark.parametrize(("first", "later"), [("compiled", "exudyn"), ("exudyn", "compiled"), ("compiled", "compiled")])
