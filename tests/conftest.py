@@ -37,23 +37,10 @@ def pytest_configure(config):
     if getattr(config.option, "numprocesses", None):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
-    if os.environ.get("PYTEST_XDIST_WORKER") == "gw1":
-        config.args = from_the_other_end(config.args)
-
-
-def from_the_other_end(arguments):
-    """Folders of the tests, last one first.
-
-    pytest translates each file that it collects, which takes as long as to import all libraries. So each of two workers
-    translates half of them, and reads the others, which the other one has written.
-    """
-    if [Path(one).resolve() for one in arguments] != [TESTS]:
-        return arguments
-    return [str(path) for path in sorted(TESTS.iterdir(), reverse=True) if path.is_dir()]
 
 
 def pytest_collection_modifyitems(items):
-    """Put files in their order, see `FIRST`; all workers must have the same."""
+    """Put files in their order, see `FIRST` and `LAST`."""
 
     @functools.cache
     def place(path):
@@ -67,7 +54,7 @@ def pytest_collection_modifyitems(items):
             return len(FIRST)
         return 1 + len(FIRST) + (LONG.index(folder) if folder in LONG else len(LONG))
 
-    items.sort(key=lambda item: (place(item.path), item.path))
+    items.sort(key=lambda item: place(item.path))
 
 
 @pytest.fixture(scope="module", autouse=True)
