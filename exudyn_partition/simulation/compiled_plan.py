@@ -1,8 +1,8 @@
-"""Exudyn adapter: what compiled runs need of a model, read from it, and why they cannot hold it."""
+"""Exudyn adapter: what compiled runs need of a model, read from it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,9 +27,8 @@ from ..compiled.rubbing import Rubbing, rubbing_of
 from ..compiled.start import Start
 from ..contact.between import Shares, shared_flexibility
 from ..contact.followed import BULGE
-from ..contact.formulations.choices import Compliance
-from ..contact.formulations.coupled import CoupledContacts, SharedPatches
-from ..contact.formulations.coupled_friction import CoupledFriction, SharedFriction
+from ..contact.formulations.coupled import CoupledContacts
+from ..contact.formulations.coupled_friction import CoupledFriction
 from ..contact.formulations.formulation import Together
 from ..contact.gaps import SAME, GapState
 from ..contact.linear_gaps import FlatRows, LinearGaps
@@ -41,163 +40,18 @@ from ..contact.stages import NOTHING, Anchor
 from ..contact.tangential import TangentialRows
 from ..errors import CompiledRunError
 from ..exudyn_bodies.item_work import acts_on_constant_mass
-from ..exudyn_bodies.model import dofs_of, registered, user_function
-from ..exudyn_bodies.partition_body import PartitionBody
+from ..exudyn_bodies.model import dofs_of
 from ..exudyn_contacts.contact_group import groups_of
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..frames.damping import ModeDamping
 from ..frames.floating import FloatingKinematics
-from ..frames.inertia_forces import TERMS
 from ..support.arrays import Array
-from ..support.foreign import ItemEntry, MainSystem
+from ..support.foreign import MainSystem
 from ..support.optional import require
+from .compiled_limits import has_friction, loaded_coordinate
 
 # Contacts that are solved together at the start of a run, and what finds their forces.
 Groups = Sequence[tuple[Together, Sequence[PatchContact]]]
 Whole = tuple[Array, Sequence[Array], Core]  # see `CoupledFriction.whole_flexibility`
-MOST_ROWS = 700  # of contacts with friction that are solved together: their matrices take 100 MB
-
-
-def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
-    """Raise an error with all reasons why a compiled run cannot hold a model; `options` are further reasons.
-
-    Raises
-    ------
-    CompiledRunError
-    """
-    bodies, contacts = partition_items(mbs)
-    parts = (
-        _reasons_by_bodies(bodies),
-        _reasons_by_contacts(contacts),
-        _reasons_by_items(mbs, bodies, contacts),
-        _reasons_by_sensors(mbs),
-    )
-    reasons = [*options, *(reason for part in parts for reason in part)]
-    if reasons:
-        listed = "".join(f"\n- {reason}" for reason in reasons)
-        raise CompiledRunError(
-            "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
-            "gravity, constant loads on coordinates and damping of modes; friction on rigid surfaces, and of bodies "
-            f"with each other as long as frames do not turn, and pairs do not slide. This one has more:{listed}\n"
-            "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
-        )
-
-
-def _called(kind: str, item: PartitionBody | PartitionContact, place: int) -> str:
-    return f"{kind} {item.name!r}" if item.name else f"{kind} {place}"
-
-
-def _reasons_by_bodies(bodies: Sequence[PartitionBody]) -> Iterator[str]:
-    """Reasons that bodies give why a compiled run cannot hold their model, see `check_held`."""
-    for place, item in enumerate(bodies):
-        named = _called("body", item, place)
-        if item.frame == "floating" and not {*TERMS} - {"coupling"} <= {*item.inertia_terms}:
-            yield f"{named} leaves out inertia forces by inertiaTerms"
-        if len(item.body.basis.nodal):
-            yield f"{named} keeps nodes, by basis {item.body.basis.name!r}"
-        if item.body.stiffening is not None:
-            yield f"{named} has geometric stiffness"
-        if item.damping is not None and not isinstance(item.damping, ModeDamping):
-            yield f"{named} has damping of nodes"
-
-
-def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
-    """Reasons that contacts give, see `check_held`."""
-    if not contacts:
-        yield "no contact"
-    for place, contact in enumerate(contacts):
-        named, mechanics = _called("contact", contact, place), contact.mechanics
-        if not isinstance(contact.formulation, Compliance):
-            yield f"{named} has formulation {type(contact.formulation).__name__}"
-        if mechanics.friction is not None and mechanics.gaps.on_demand:
-            yield f"{named} has friction on a large skin"
-        rows = sum(len(member.mechanics.gaps.row_nodes) for member in contact.group)
-        if has_friction(contact.group) and rows > MOST_ROWS:
-            yield f"{named} is solved together with {rows} rows of which some have friction, more than {MOST_ROWS}"
-        if mechanics.zones is not None:
-            yield f"{named} has plastic zones"
-        if contact.carrier is not None:
-            yield f"{named} has a surface on a body that moves"
-        if mechanics.viscous:
-            yield f"{named} has a viscous flexibility, by damping in proportion to the stiffness"
-        if mechanics.gaps.overlap:
-            yield f"{named} is a press fit"
-        if contact.slave == contact.master:
-            yield f"{named} is of a body that touches itself"
-        if contact.moment_about is not None:
-            yield f"{named} has a sensor of its moment"
-        if isinstance(contact.together, SharedPatches | SharedFriction):
-            yield f"{named} shares a patch with another contact"
-        else:
-            yield from _reasons_by_pairs(named, contact)
-
-
-def _reasons_by_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
-    """Reasons that contacts give whose pairs follow the motion, see `check_held`."""
-    gaps = contact.mechanics.gaps
-    if gaps.may_freeze:
-        return
-    if not can_follow(gaps):
-        yield (
-            f"{named} has pairs that follow the motion: of a RigidMesh, of Partition.surface on a rigid surface, or of "
-            "large skins"
-        )
-    elif has_friction(contact.group) and not isinstance(gaps, RigidGaps):
-        has = "friction" if contact.mechanics.friction is not None else "a body in common with a contact with friction"
-        yield f"{named} has {has}, and pairs of two bodies that follow the motion, of a floating frame"
-
-
-def _reasons_by_items(
-    mbs: MainSystem, bodies: Sequence[PartitionBody], contacts: Sequence[PartitionContact]
-) -> Iterator[str]:
-    """Reasons that other items and user functions of the model give, see `check_held`."""
-    data = mbs.systemData
-    ours = {int(item["oGenericODE2"]) for item in bodies} | {int(contact["oContact"]) for contact in contacts}
-    for number in range(data.NumberOfObjects()):
-        entry = mbs.GetObject(number)
-        if number not in ours and entry["objectType"] != "Ground":
-            yield f"object {entry['name']!r}, a {entry['objectType']}"
-    if data.ODE2Size() != sum(item.body.n_dofs for item in bodies) or data.ODE1Size():
-        yield "nodes with coordinates of their own"
-    for number in range(data.NumberOfLoads()):
-        load = mbs.GetLoad(number)
-        if _coordinate(mbs, bodies, load) is None:
-            yield f"load {load['name']!r}, a {load['loadType']}, is not a constant one on a coordinate of a body"
-    for name in ("PreStep", "PostStep", "PostNewton"):
-        if user_function(getattr(mbs, f"Get{name}UserFunction")()) is not None:
-            yield f"a {name} user function"
-
-
-def _coordinate(mbs: MainSystem, bodies: Sequence[PartitionBody], load: ItemEntry) -> int | None:
-    """Number of the coordinate on which a constant load acts; None if it is another load."""
-    if load["loadType"] != "Coordinate" or load["loadUserFunction"]:
-        return None
-    marker, nodes = mbs.GetMarker(load["markerNumber"]), {int(node) for item in bodies for node in item.nodes}
-    if marker["markerType"] != "NodeCoordinate" or int(marker["nodeNumber"]) not in nodes:
-        return None
-    return int(mbs.GetNodeODE2Index(marker["nodeNumber"]) + marker["coordinate"])
-
-
-def own_sensors(mbs: MainSystem) -> set[int]:
-    """Numbers of the sensors that bodies and contacts made with them."""
-    (bodies, contacts), damping = partition_items(mbs), registered(mbs).damping
-    numbers = {int(n) for item in bodies for key in ("sCoordinates", "sCoordinates_t") for n in item[key]}
-    of_damping = set() if damping is None else {int(damping.number)}
-    of_contacts = {int(contact[key]) for contact in contacts for key in ("sForce", "sFriction") if key in contact}
-    return numbers | of_contacts | of_damping
-
-
-def _reasons_by_sensors(mbs: MainSystem) -> Iterator[str]:
-    """Reasons that sensors give that the user has added, see `check_held`."""
-    known = own_sensors(mbs)
-    for number in range(mbs.systemData.NumberOfSensors()):
-        entry = mbs.GetSensor(number)
-        if number in known:
-            continue
-        if entry["sensorType"] == "UserFunction":
-            yield f"sensor {entry['name']!r}, a user function"
-        elif entry["fileName"] and entry["writeToFile"]:
-            yield f"sensor {entry['name']!r} writes a file"
 
 
 def read_plan(mbs: MainSystem, groups: Groups) -> StepPlan:
@@ -207,7 +61,7 @@ def read_plan(mbs: MainSystem, groups: Groups) -> StepPlan:
     ----------
     mbs : exudyn.MainSystem
     groups : sequence of (Together, list of PatchContact)
-        Contacts of each of `in_groups` at the start of the run, and what finds their forces.
+        Contacts of each of `contacts_by_group` at the start of the run, and what finds their forces.
 
     Raises
     ------
@@ -228,24 +82,19 @@ def read_plan(mbs: MainSystem, groups: Groups) -> StepPlan:
             load[dofs] = pushed
     for number in range(mbs.systemData.NumberOfLoads()):
         entry = mbs.GetLoad(number)
-        load[_coordinate(mbs, bodies, entry)] += entry["load"]
+        load[loaded_coordinate(mbs, bodies, entry)] += entry["load"]
     return StepPlan(Bodies(mass, stiffness, damping, load), _contacts_plan(mbs, contacts, groups))
 
 
-def in_groups(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
+def contacts_by_group(contacts: Sequence[PartitionContact]) -> list[list[PartitionContact]]:
     """Contacts that are solved together, in the order of a plan: groups with friction come last."""
     return sorted(groups_of(contacts), key=has_friction)
-
-
-def has_friction(group: Sequence[PartitionContact]) -> bool:
-    """Whether a contact of a group has friction."""
-    return any(contact.mechanics.friction is not None for contact in group)
 
 
 def at_start(contacts: Sequence[PartitionContact]) -> list[tuple[Together, list[PatchContact]]]:
     """Contacts at the start of a run from the model's initial values, as `read_plan` takes them."""
     groups: list[tuple[Together, list[PatchContact]]] = []
-    for group in in_groups(contacts):
+    for group in contacts_by_group(contacts):
         members, together = [contact.mechanics.for_run("explicit") for contact in group], group[0].together
         groups.append((together.for_run(members), members))
     return groups
@@ -257,7 +106,7 @@ def _contacts_plan(
     groups: Groups,
 ) -> FrozenPlan:
     """Plan of all contacts, group by group."""
-    ordered = in_groups(contacts)
+    ordered = contacts_by_group(contacts)
     n = sum(not has_friction(group) for group in ordered)
     blocks = [_blocks(together, members) for together, members in groups[:n]]
     fields, core = joined_fields([(of_group, core) for _, of_group, core in blocks])
@@ -443,7 +292,7 @@ def _turning(mbs: MainSystem) -> list[Turning]:
 def moving_contacts(mbs: MainSystem, groups: Groups) -> Moves:
     """Contacts whose rows follow the motion; `groups` as `read_plan` takes."""
     bodies, contacts = partition_items(mbs)
-    ordered, floating = in_groups(contacts), [item for item in bodies if item.frame == "floating"]
+    ordered, floating = contacts_by_group(contacts), [item for item in bodies if item.frame == "floating"]
     found, number = Moves([], [], []), 0
     first = sum(len(group) for group in ordered if not has_friction(group))
     for of_group, (together, members) in zip(ordered, groups, strict=True):
@@ -492,7 +341,7 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
     States of all these contacts there, in the order of `moving_contacts`.
     """
     known = {id(pair.gaps): state for pair, state in zip(pairs, end.pairs or (), strict=True)}
-    for of_group, (_, members) in zip(in_groups(partition_items(mbs)[1]), groups, strict=True):
+    for of_group, (_, members) in zip(contacts_by_group(partition_items(mbs)[1]), groups, strict=True):
         for mechanics in () if has_friction(of_group) else members:
             gaps = mechanics.gaps
             if isinstance(gaps, PatchGaps) and not gaps.moving and can_follow(gaps):

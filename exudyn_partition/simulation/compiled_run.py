@@ -30,14 +30,13 @@ from ..support.progress import LONG, Progress
 from ..support.progress import progress as progress_bar
 from .compiled_adaptive import run_adaptive, set_state
 from .compiled_friction import FrictionGroups
+from .compiled_limits import has_friction, own_sensors
 from .compiled_plan import (
+    contacts_by_group,
     follow_frozen,
     friction_memory,
     give_anchors,
-    has_friction,
-    in_groups,
     moving_contacts,
-    own_sensors,
     read_plan,
     with_anchors,
 )
@@ -73,12 +72,13 @@ def run_compiled(mbs: MainSystem, plan: RunPlan, progress: Progress | None) -> R
         start = _start(mbs, plan)
         if model_run.others:
             model_run.others.keep(mbs, times.start)
-        groups = [model_run.group_run(group[0]) for group in in_groups(contacts)]
+        grouped = contacts_by_group(contacts)
+        groups = [model_run.group_run(members[0]) for members in grouped]
         parts = [(group.together, [run.mechanics for run in group.members]) for group in groups]
         step_plan, following = read_plan(mbs, parts), moving_contacts(mbs, parts)
         start, friction = with_anchors(start, following), None
         if (friction_plan := step_plan.contacts.friction) is not None:
-            of_friction = [group for group, some in zip(groups, in_groups(contacts), strict=True) if has_friction(some)]
+            of_friction = [group for group, members in zip(groups, grouped, strict=True) if has_friction(members)]
             friction = FrictionGroups(friction_plan, of_friction)
             mechanics = [[run.mechanics for run in group.members] for group in of_friction]
             start = replace(start, friction=friction_memory(mechanics))
@@ -180,7 +180,7 @@ def _of_bodies(mbs: MainSystem, made: Histories) -> dict[int, Array]:
 
 def _samples_of_contacts(mbs: MainSystem, made: Histories) -> dict[int, Array]:
     """Samples of the contacts' sensors, by their numbers."""
-    groups = in_groups(partition_items(mbs)[1])
+    groups = contacts_by_group(partition_items(mbs)[1])
     ordered = [contact for group in groups for contact in group]
     by_sensor = {int(contact["sForce"]): made.values[:, place].copy() for place, contact in enumerate(ordered)}
     with_friction = [contact for group in groups if has_friction(group) for contact in group]
@@ -210,7 +210,7 @@ def _keep_rows(
     if friction is not None:
         friction.keep(made, t)
     first, starts = 0, plan.contacts.rows.starts
-    for contacts in in_groups(partition_items(mbs)[1]):
+    for contacts in contacts_by_group(partition_items(mbs)[1]):
         if has_friction(contacts):
             continue
         group = model_run.group_run(contacts[0])

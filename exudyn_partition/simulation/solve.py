@@ -23,7 +23,7 @@ from ..support.progress import progress as progress_bar
 from ..support.spelling import spelled
 from .adaptive_options import AdaptiveOptions
 from .causes import cause, unsettled
-from .compiled_plan import check_held
+from .compiled_limits import check_held
 from .compiled_run import run_compiled
 from .continuation import RunEnd, keep_end, last_end, set_accelerations, start_from, undo_if_refused
 from .hooks import (

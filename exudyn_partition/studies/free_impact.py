@@ -20,7 +20,7 @@ from ..exudyn_contacts.partition_contact import PartitionContact
 from ..frames.kinematics import Frame
 from ..reduction.body import ReducedBody
 from ..results.impacts import SubImpact
-from ..simulation.compiled_plan import check_held
+from ..simulation.compiled_limits import check_held
 from ..simulation.result import Result
 from ..simulation.solve import Solver, solve_dynamic
 from ..simulation.step_control import time_to_contact

@@ -19,7 +19,7 @@ from ..errors import InputError, MemoryLimitError
 from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
-from ..simulation.compiled_plan import check_held
+from ..simulation.compiled_limits import check_held
 from ..support.arrays import Array
 from ..support.checks import read_only, validate_integer, validate_path
 from ..support.foreign import MainSystem

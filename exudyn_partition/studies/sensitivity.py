@@ -24,7 +24,7 @@ from ..exudyn_bodies.model import validate_model
 from ..exudyn_bodies.partition_body import PartitionBody
 from ..exudyn_contacts.partition_contact import PartitionContact, partition_items
 from ..frames.floating import FloatingKinematics
-from ..simulation.compiled_plan import check_held
+from ..simulation.compiled_limits import check_held
 from ..support.arrays import Array, Vector
 from ..support.checks import read_only, validate_array, validate_choice, validate_vector
 from ..support.foreign import MainSystem

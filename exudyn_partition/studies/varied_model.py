@@ -15,7 +15,7 @@ from ..exudyn_contacts.partition_contact import PartitionContact, partition_item
 from ..prediction.default_step import SAFETY
 from ..simulation.compiled_plan import (
     at_start,
-    in_groups,
+    contacts_by_group,
     initial_start,
     moving_contacts,
     read_plan,
@@ -68,7 +68,7 @@ class VariedModel:
         bodies, contacts = partition_items(mbs)
         times = _times(mbs, end_time, step, bodies, variations, progress)
         hold_damping(mbs)
-        groups, planned = at_start(contacts), [contact for group in in_groups(contacts) for contact in group]
+        groups, planned = at_start(contacts), [contact for group in contacts_by_group(contacts) for contact in group]
         places, gaps = {item: dofs_of(mbs, item) for item in bodies}, [one.gaps for _, some in groups for one in some]
         following = moving_contacts(mbs, groups)
         start = with_anchors(initial_start(mbs), following)

@@ -15,7 +15,7 @@ from oracles import each_way, press_ctrl_c
 import exudyn_partition as ep
 from exudyn_partition.compiled import loops
 from exudyn_partition.errors import CompiledRunError, InputError, RunError, StoppedRunWarning
-from exudyn_partition.simulation import compiled_plan
+from exudyn_partition.simulation import compiled_limits
 
 pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.PartitionWarning")
 CLOSE = 1e-9  # of the largest value
@@ -254,7 +254,7 @@ def test_rough_pairs_that_slide_end_the_run_and_exudyn_goes_on(rough):
 
 
 def test_rows_with_friction_are_not_too_many(rough, monkeypatch):
-    monkeypatch.setattr(compiled_plan, "MOST_ROWS", 10)
+    monkeypatch.setattr(compiled_limits, "MOST_ROWS", 10)
     mbs, _, _ = fall(rough, friction=0.3)
     with pytest.raises(CompiledRunError, match=r"'floor' is solved together with .* rows of which some have friction"):
         ep.solve_dynamic(mbs, end_time=END, solver="compiled")
