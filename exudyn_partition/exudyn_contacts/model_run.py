@@ -187,8 +187,7 @@ class ModelRun:
 
     def group_run(self, contact: ModelContact) -> GroupRun:
         """State of the contacts that belong together with a contact; it is in one group."""
-        run = self.contact_run(contact)
-        return next(group for group in self._members.groups if run in group.members)
+        return self._members.group_of(self.contact_run(contact))
 
     def find(self, contact: ModelContact) -> ContactRun | None:
         """State of a contact; None if it was not in the model when the run began."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -63,6 +64,14 @@ class RunMembers:
         of_bodies = [kinematics.growing(q_t[place]) if len(q_t) else q_t for place, kinematics in self.floating]
         for gaps, numbers in self.growing:
             gaps.grow([NOTHING if number < 0 else of_bodies[number] for number in numbers])
+
+    def group_of(self, run: ContactRun) -> GroupRun:
+        """Group in which a contact is; it is in one."""
+        return self._group_of[id(run)]
+
+    @cached_property
+    def _group_of(self) -> dict[int, GroupRun]:
+        return {id(run): group for group in self.groups for run in group.members}
 
     @property
     def carriers(self) -> list[int]:
