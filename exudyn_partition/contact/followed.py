@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..algebra.products import largest_change
+from ..algebra.vectors import triangle_frame
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from ..surfaces.holders import FOLLOWED
 from ..surfaces.pairs import STEPS, MovingPairs
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import ContactRows
-from ..surfaces.vectors import triangle_frame
 from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
 from .sides import Sides

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..algebra.block_complementarity import LIMITS
 from ..algebra.complementarity import ROUNDING
+from ..algebra.vectors import cross
 from ..support.arrays import Array, as_read_only, plain
 from ..support.compiled import kernels
 from ..surfaces.points import ContactPoints
 from ..surfaces.surface import Surface
-from ..surfaces.vectors import cross
 
 if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks

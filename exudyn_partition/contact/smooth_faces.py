@@ -16,11 +16,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from ..algebra.vectors import cross
 from ..errors import InputError
 from ..fe.facets import area_vectors, facet_corners
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array
-from ..surfaces.vectors import cross
 from .rigid import RigidPlane
 from .side import Side
 from .true_surface import TrueSurface, not_known, surface_of

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..algebra.vectors import cross
 from ..errors import InputError
 from ..fe.facets import facet_corners
 from ..fe.material import Material
@@ -19,7 +20,6 @@ from ..reduction.body import ReducedBody
 from ..support.arrays import Array
 from ..support.once import once
 from ..surfaces.smooth_kernel import Kernel, coverage_around, kernel_around
-from ..surfaces.vectors import cross
 from .side import Side
 from .smooth_faces import ORDERS, SmoothFace
 

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.products import congruence, dense, joined, product
+from ..algebra.vectors import cross
 from ..errors import InputError
 from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
@@ -18,7 +19,6 @@ from ..frames.rotations import total_moment
 from ..support.arrays import Array
 from ..support.attributes import copied
 from ..surfaces.loops import at_points
-from ..surfaces.vectors import cross
 from . import loops
 from .gaps import Gaps, GapState
 from .normal_rows import rates_of

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from ..algebra.vectors import cross
 from ..errors import MeshError
 from ..support.arrays import Array
 from .halves import in_halves, joined
@@ -82,8 +83,7 @@ def flat_triangles(facets: Array) -> tuple[Array, Array]:
 def area_vectors(points: Array, facets: Array) -> Array:
     """(nf, 3) array: outward normals of the facets, by their corners; their length is the area [m2]."""
     a, b, c, *rest = points[facet_corners(facets)].transpose(1, 0, 2)
-    (u, v, w), (x, y, z) = (c - a).T, ((rest[0] if rest else a) - b).T  # np.cross takes several times as long
-    return np.stack([v * z - w * y, w * x - u * z, u * y - v * x], axis=1) / 2
+    return cross(c - a, (rest[0] if rest else a) - b) / 2
 
 
 def nodal_area(points: Array, facets: Array) -> Array:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from ..algebra.vectors import triangle_frame
 from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array, as_read_only, plain
 from ..support.compiled import kernels
 from .projection import CONVEX, Projection, clip, newton_step
-from .vectors import triangle_frame
 
 if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving

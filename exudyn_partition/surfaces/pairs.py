@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..algebra.vectors import cross
 from ..fe.edges import edge_middles
 from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array
@@ -17,7 +18,6 @@ from .holders import AS_NEAR, BESIDE, FOLLOWED, Others, depths, least_depth, pla
 from .points import ContactPoints
 from .projection import SETTLED, Projection, newton_step
 from .surface import Surface, closest_points
-from .vectors import cross
 
 if TYPE_CHECKING:
     from .moving_kernels import Followed, Moving

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ..algebra.vectors import cross
 from ..support.arrays import Array
-from .vectors import cross
 
 SETTLED = 1e-9  # of a facet: largest last step of Newton's method; closest points depend so little on its start
 CONVEX = 0.1  # curvature is left out if second derivatives are below this share of those of a flat facet

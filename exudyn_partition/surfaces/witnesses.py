@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..algebra.vectors import triangle_frame
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from . import loops
 from .surface import Surface
-from .vectors import triangle_frame
 
 
 def seen_from(places: Sequence[Array], witnesses: Sequence[Array]) -> Array:

@@ -6,11 +6,11 @@ from oracles import SPHERE_RADIUS, compliant, floating, inertial, moved, relativ
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.products import dense
+from exudyn_partition.algebra.vectors import triangle_frame
 from exudyn_partition.contact.normal_rows import NormalRows
 from exudyn_partition.contact.patch_gaps import PatchGaps
 from exudyn_partition.frames.floating import FloatingKinematics
 from exudyn_partition.surfaces.points import ROWS
-from exudyn_partition.surfaces.vectors import triangle_frame
 
 
 @pytest.mark.parametrize("kind", ROWS)
