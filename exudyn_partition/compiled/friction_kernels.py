@@ -20,6 +20,7 @@ from ..contact.kernels import choose_near, coordinates_of, gaps_of_contact, push
 from ..support.arrays import Array
 from ..support.compiled import compiled, inner
 from .rubbing_kernels import accept_rubbing, anchor_rubbing, push_rubbing, rub
+from .rubbing_pair_kernels import accept_pairs, anchor_pairs, lack_rough_rows, push_pairs, rub_pairs, watch_rough_edges
 
 if TYPE_CHECKING:
     from .friction_plan import Choosing
@@ -218,6 +219,54 @@ def count_iterations(f: Friction, g: int, count: int) -> None:
             f.iterations[j] += count
 
 
+# Rows that follow the motion. What a run does not have is None, so that loops are not compiled for it.
+
+
+@inner
+def place_moving(f: Friction, rubs: Rubs | None, q: Array) -> bool:
+    """Set gaps, tangents and ways of these rows; False if gaps are not finite, or other rows must be found."""
+    if rubs is not None:
+        return rub(f, rubs, rubs.surfaces, q) and rub_pairs(f, rubs, rubs.pairs, q)
+    return True
+
+
+@inner
+def anchor_moving(f: Friction, rubs: Rubs | None, g: int, q: Array) -> None:
+    """Find the flexibility of the rows of a group again that have moved far since."""
+    if rubs is not None:
+        anchor_rubbing(f, rubs, rubs.surfaces, g, q)
+        anchor_pairs(f, rubs, rubs.pairs, g, q)
+
+
+@inner
+def lack_rows(f: Friction, rubs: Rubs | None) -> bool:
+    """Whether forces may push rows shut that are not followed."""
+    return rubs is not None and lack_rough_rows(f, rubs, rubs.pairs)
+
+
+@inner
+def push_moving(f: Friction, rubs: Rubs | None, q: Array, force: Array) -> None:
+    """Add the generalised forces of these rows."""
+    if rubs is not None:
+        push_rubbing(f, rubs, rubs.surfaces, q, force)
+        push_pairs(f, rubs, rubs.pairs, q, force)
+
+
+@inner
+def accept_moving(f: Friction, rubs: Rubs | None) -> None:
+    """Take the answer as the end of a step, from which rows slide in the next one."""
+    if rubs is not None:
+        accept_rubbing(f, rubs, rubs.surfaces)
+        accept_pairs(f, rubs, rubs.pairs)
+
+
+@inner
+def watch_edges_of_rough(f: Friction, rubs: Rubs | None, q: Array) -> None:
+    """Keep the coordinates of the first sample in which a closed row of two bodies leaves its patch."""
+    if rubs is not None:
+        watch_rough_edges(f, rubs, rubs.pairs, q)
+
+
 @inner
 def solve_group(f: Friction, rubs: Rubs | None, g: int, q: Array, limits: FrictionLimits, choosing: Choosing) -> bool:
     """Find the forces of a group of contacts; whether they settle."""
@@ -230,7 +279,7 @@ def solve_group(f: Friction, rubs: Rubs | None, g: int, q: Array, limits: Fricti
     if least >= 0.0 and not (several and pushing):
         open_rows(f, top, end)
         return True
-    anchor_rubbing(f, rubs, g, q)
+    anchor_moving(f, rubs, g, q)
     if several and pushing:
         push_others(f, g)
     if f.owner[0] != g:
@@ -298,16 +347,21 @@ def values_of_contact(f: Friction, j: int, force: Array) -> None:
 
 @compiled
 def find_friction(f: Friction, rubs: Rubs | None, q: Array, q_from: Array, force: Array) -> bool:
-    """Add generalised forces at coordinates q, in a step from q_from; False if pairs slide or forces do not settle."""
+    """Add generalised forces at coordinates q, in a step from q_from.
+
+    False, and no forces are added, if pairs slide, forces do not settle, or other rows must be found.
+    """
     limits, choosing = f.limits, f.choosing
-    if not places_of_rows(f, q, q_from) or not rub(f, rubs, q):
+    if not places_of_rows(f, q, q_from) or not place_moving(f, rubs, q):
         return False
     for g in range(len(f.F_starts)):
         if not solve_group(f, rubs, g, q, limits, choosing):
             return False
+    if lack_rows(f, rubs):
+        return False
     for j in range(len(f.ways)):
         values_of_contact(f, j, force)
-    push_rubbing(f, rubs, q, force)
+    push_moving(f, rubs, q, force)
     return True
 
 
@@ -323,7 +377,7 @@ def accept_friction(f: Friction, rubs: Rubs | None, step: float) -> None:
             f.before[i, a], f.forces[i, a] = f.forces[i, a], f.lam[i, a]
     for j in range(len(f.taken)):
         f.dissipated[j] += f.taken[j]
-    accept_rubbing(f, rubs)
+    accept_moving(f, rubs)
 
 
 @inner

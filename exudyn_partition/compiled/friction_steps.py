@@ -56,9 +56,12 @@ class FrictionSteps:
         ComplementarityError
             If forces do not settle.
         """
-        self._place(s, q, q_from)
-        for group in range(len(self._flexibilities)):
-            self._solve(s, group, q)
+        lacking = True
+        while lacking:
+            self._place(s, q, q_from)
+            for group in range(len(self._flexibilities)):
+                self._solve(s, group, q)
+            lacking = self._rubbing is not None and self._rubbing.lacks_rows()
         for j in range(len(self._parts)):
             self._values(s, j, force)
         if self._rubbing is not None:
@@ -89,7 +92,7 @@ class FrictionSteps:
             s.way[rows] = ((q[dofs] - q_from[dofs]) @ part.along).reshape(-1, 2)
             s.mu[rows] = 0.0 if law is None else coefficients(law, memory.slipped[rows], memory.speed[rows])
         if self._rubbing is not None:
-            self._rubbing.rub(s, q)
+            self._rubbing.rub(s, q, q_from)
 
     def _pushed(self, s: FrictionState, group: int, F: Array) -> Array:
         """Gaps with the displacements that forces on other contacts cause, (k,) [m]."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..contact.kernels import FlatContacts, evaluate_frozen
 from ..support.arrays import Array
 from ..support.compiled import called, inlined, unlocked
-from .friction_kernels import accept_friction, find_friction, keep_friction, watch_friction
+from .friction_kernels import accept_friction, find_friction, keep_friction, watch_edges_of_rough, watch_friction
 from .moving_kernels import (
     act_on_masses,
     add_inertia,
@@ -142,5 +142,6 @@ def advance(
                     watch_edges(contacts, moving.pairs, moving.state, m.q)
                 keep_fresh(moving.state, rubs, samples.fresh[step // between - 1])
             if friction is not None:
+                watch_edges_of_rough(friction, rubs, m.q)
                 keep_friction(friction, samples, step // between - 1)
     return count + 1

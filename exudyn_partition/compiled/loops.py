@@ -23,12 +23,14 @@ from .frames_back import FramesBack, back_over_inertia, turn_back
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
 from .moving import Anchors, Following, MovingPlan, MovingState
-from .pair_rows import FOLLOWING, PairRows
+from .followed_pairs import FollowedPairs
+from .pair_rows import PairRows
 from .plain_moving import PlainBody, PlainMoving
 from .plain_rubbing import PlainRubbing
 from .plan import Bodies, FrozenPlan, Motion, StepPlan
 from .rows_back import RowsBack, back_over_rows
 from .rubbing import Rubbing, RubbingState
+from .rubbing_pairs import RubbingPair
 from .start import Start
 from .surfaces_back import SurfaceRows
 
@@ -92,7 +94,8 @@ class Samples(NamedTuple):
         nf, k = (0, 0) if friction is None else (len(friction.names), friction.n_rows)
         of_friction = np.empty((n, nf, N_FRICTION)), np.empty((kept, 3 * k)), np.empty((kept, k), dtype=np.int8)
         moving = contacts.moving
-        fresh = np.zeros((n, 0 if moving is None else len(moving.contact) + len(moving.rubbing)), dtype=bool)
+        of_rubbing = 0 if friction is None or friction.rubbing is None else len(friction.rubbing.groups)
+        fresh = np.zeros((n, of_rubbing + (0 if moving is None else len(moving.contact))), dtype=bool)
         values, stored, lam = np.empty((n, nc, N_VALUES)), np.empty((kept, nc)), np.empty((kept, nr))
         return cls(q, v, a, values, stored, lam, *of_friction, fresh)
 
@@ -172,46 +175,80 @@ class ContactParts(NamedTuple):
 
 
 class RubbingSteps:
-    """Contacts with friction whose rows follow the motion on rigid surfaces, in a run.
+    """Contacts with friction whose rows follow the motion, in a run.
 
     Parameters
     ----------
     plan : Rubbing
     flat : FlatFrictionRows
         Of this run.
+    friction : FrictionState
     n : int
         Number of coordinates.
     """
 
-    def __init__(self, plan: Rubbing, flat: FlatFrictionRows, n: int) -> None:
-        self._plan, self._flat = plan, flat
+    def __init__(self, plan: Rubbing, flat: FlatFrictionRows, friction: FrictionState, n: int) -> None:
+        self._plan, self._flat, self._friction = plan, flat, friction
         self.state = RubbingState.of(plan, len(flat.tangents), n)
+        self._first = len(plan.surfaces.contact)
         self._sides: Any = ()  # which loops find by their addresses
+        self.pairs = list[RubbingPair]()
+
+    def follow(self, moving: MovingState) -> None:
+        """Know the state by which bodies grow."""
+        plan, loops = self._plan, kernels("compiled", "pair_kernels") if self._plan.pairs else None
+        rest = plan, self.state, self._flat, self._friction, moving, loops
+        self.pairs = [RubbingPair(one, number, *rest) for number, one in enumerate(plan.pairs)]
+        self._held = FollowedPairs(self.pairs, self._first, loops)
 
     def for_loops(self, contacts: Sequence[Following], state: MovingState) -> Any:
-        """The contacts as compiled loops take them; `state` is that by which bodies grow."""
+        """The contacts as compiled loops take them; `contacts` are those with rigid surfaces."""
         moving, found = kernels("compiled", "moving_kernels"), kernels("compiled", "rubbing_kernels")
         assert found is not None, "asked for what is only done at once"
         assert moving is not None, "asked for what is only done at once"
         self._sides = moving.rigid_sides(contacts)
-        return found.rubs_of(self._plan, self.state, state, self._sides)
+        return found.rubs_of(self._plan, self.state, state, self._sides, self._held.for_loops)
 
     def plain(self, moving: MovingState, bodies: Sequence[PlainBody]) -> PlainRubbing:
         """The contacts by NumPy."""
-        return PlainRubbing(self._plan, self.state, self._flat, moving, bodies)
+        return PlainRubbing(self._plan, self.state, self._flat, moving, bodies, self.pairs)
 
-    def take_anchors(self, anchors: Anchors | None) -> None:
+    @property
+    def lost(self) -> int:
+        """See `MovingSteps.lost`, of contacts of two bodies among these."""
+        return int(self.state.lost[0])
+
+    def place(self, number: int, m: Motion) -> None:
+        """Find the rows of a contact of two bodies anew."""
+        self.pairs[number].place_rows(m.q, m.q_start)
+        self._held.hold(number)
+
+    def hold(self) -> None:
+        """Let loops find the present rows of all contacts of two bodies."""
+        for number in range(len(self.pairs)):
+            self._held.hold(number)
+
+    def begin(self, start: Start) -> None:
+        """Begin a run, or go back to its state."""
+        for pair, before in zip(self.pairs, start.rubbing_pairs or [None] * len(self.pairs), strict=True):
+            pair.begin(before)
+
+    def take_anchors(self, start: Start) -> None:
         """Have the anchors of a state; None are none."""
-        state = self.state
+        state, first, anchors = self.state, self._first, start.rubbing
         state.anchored[:], state.fresh[:], state.found_axis[:] = False, False, -1
         if anchors is not None:
-            state.anchored[:], state.anchors[:] = anchors.anchored, anchors.q
-            state.along[:], state.growing[:] = anchors.along, anchors.growing
+            state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
+            state.along[:], state.growing[:first] = anchors.along, anchors.growing
+        for number, pair in enumerate(self.pairs):
+            pair.take_anchor(None if start.rubbing_pairs is None else start.rubbing_pairs[number].anchor)
+            self._held.hold(number)
 
     def anchors(self) -> Anchors:
-        """Present anchors."""
-        state = self.state
-        return Anchors(*(part.copy() for part in (state.anchored, state.anchors, state.along, state.growing)))
+        """Present anchors of contacts with rigid surfaces."""
+        state, n = self.state, self._first
+        kept = state.anchored[:n], state.anchors[:n], state.along, state.growing[:n]
+        return Anchors(*(part.copy() for part in kept))
 
 
 class MovingSteps:
@@ -232,23 +269,20 @@ class MovingSteps:
         self._plan, self._blocks, self._rubbing = plan, blocks, rubbing
         self._state, self._step = plan.state(int(blocks.starts[-1]), n), 0.0
         self._turning: Array | None = None  # at the start, until a step is made
-        first, self._loops = len(plan.surfaces.contact), kernels("compiled", "pair_kernels") if plan.pairs else None
-        self._pairs = [PairRows(one, first + i, self._state, blocks, self._loops) for i, one in enumerate(plan.pairs)]
+        first, loops = len(plan.surfaces.contact), kernels("compiled", "pair_kernels") if plan.pairs else None
+        self._pairs = [PairRows(one, first + i, self._state, blocks, loops) for i, one in enumerate(plan.pairs)]
         self._sides: Any = ()  # of contacts with rigid surfaces, which loops find by their addresses
-        self._addresses, self._held = np.zeros(len(plan.pairs), dtype=np.int64), [None] * len(plan.pairs)
+        self._held = FollowedPairs(self._pairs, first, loops)
+        if rubbing is not None:
+            rubbing.follow(self._state)
 
     @cached_property
     def for_loops(self) -> Any:
         """Bodies, contacts and state as compiled loops take them."""
         found = kernels("compiled", "moving_kernels")
         assert found is not None, "asked for what is only done at once"
-        pairs = None
-        if self._pairs:
-            assert self._loops is not None
-            first = len(self._plan.surfaces.contact)
-            pairs = self._loops.pairs(self._addresses, self._pairs[0].compiled, first, FOLLOWING)
         self._sides = found.rigid_sides(self._plan.rigid)
-        return found.moving_of(self._plan, self._state, self._sides, pairs)
+        return found.moving_of(self._plan, self._state, self._sides, self._held.for_loops)
 
     @cached_property
     def rubs(self) -> Any:
@@ -264,13 +298,13 @@ class MovingSteps:
         """Find the rows of a contact of two bodies anew, see `PairRows.place`."""
         pair = self._pairs[number]
         pair.place(m.q, m.q_start, v, h)
-        self._hold(number)
+        self._held.hold(number)
 
     def stand(self, m: Motion, v: Array, h: Array) -> None:
         """Let contacts of two bodies, and those that rub, be where the motion is; the next evaluation is elsewhere."""
         for number, pair in enumerate(self._pairs):
             pair.gaps_at(m.q, m.q, v, h)
-            self._hold(number)
+            self._held.hold(number)
         self.stand_rubbing(m, v)
 
     def stand_rubbing(self, m: Motion, v: Array) -> None:
@@ -279,23 +313,23 @@ class MovingSteps:
             for body in self.plain.bodies:
                 body.grow(self._state, v)
             rubbing.stand(m.q)
+        if self._rubbing is not None:
+            self._rubbing.hold()
 
     @cached_property
     def plain_rubbing(self) -> PlainRubbing | None:
         """Contacts with friction by NumPy."""
         return None if self._rubbing is None else self._rubbing.plain(self._state, self.plain.bodies)
 
-    def _hold(self, number: int) -> None:
-        """Let loops find the present rows of a contact of two bodies."""
-        one = self._pairs[number].compiled
-        if self._loops is not None and one is not None and one != self._held[number]:
-            assert one._numba_type_ == self._pairs[0].compiled._numba_type_, "loops would read others as the first one"
-            self._held[number], self._addresses[number] = one, self._loops.address(one)
-
     @property
     def lost(self) -> int:
         """Number of the contact of two bodies for which loops need other rows; -1 if there is none."""
         return int(self._state.lost[0])
+
+    @property
+    def rubbing_pairs(self) -> RubbingSteps | None:
+        """Contacts with friction, if some are of two bodies."""
+        return self._rubbing if self._rubbing is not None and self._rubbing.pairs else None
 
     @property
     def places_pairs(self) -> bool:
@@ -312,10 +346,13 @@ class MovingSteps:
         for pair in self._pairs:
             pair.count_step()
 
-    def watch_edges(self, values: Array, h: Array, lam: Array, q: Array) -> None:
+    def watch_edges(self, values: Array, h: Array, lam: Array, friction: FrictionState | None, q: Array) -> None:
         """See `moving_kernels.watch_edges`."""
         for pair in self._pairs:
             pair.watch_edge(values, h, lam, q)
+        if friction is not None and self._rubbing is not None:
+            for rough in self._rubbing.pairs:
+                rough.watch_edge(friction.values, friction.gap, friction.lam[:, 0], q)
 
     def keep_fresh(self, fresh: Array) -> None:
         """See `moving_kernels.keep_fresh`."""
@@ -324,17 +361,22 @@ class MovingSteps:
         if self._rubbing is not None:
             fresh[n:], self._rubbing.state.fresh[:] = self._rubbing.state.fresh, False
 
-    @property
-    def left(self) -> dict[int, Array]:
-        """See `run.Histories`."""
+    def left(self, first: int) -> dict[int, Array]:
+        """See `run.Histories`; contacts with friction have numbers from `first` on."""
         state = self._state
-        return {pair.contact: state.left_at[pair.s].copy() for pair in self._pairs if state.left[pair.s]}
+        found = {pair.contact: state.left_at[pair.s].copy() for pair in self._pairs if state.left[pair.s]}
+        if (rubbing := self._rubbing) is not None:
+            rough = [pair for pair in rubbing.pairs if rubbing.state.left[pair.s]]
+            found |= {first + pair.contact: rubbing.state.left_at[pair.s].copy() for pair in rough}
+        return found
 
     def begin(self, start: Start) -> None:
         """Begin a run, or go back to its state; without anchors, contacts have none."""
         self._step, self._turning = 0.0, start.turning
         for pair, before in zip(self._pairs, start.pairs or [None] * len(self._pairs), strict=True):
             pair.begin(before)
+        if self._rubbing is not None:
+            self._rubbing.begin(start)
         self.take_anchors(start)
 
     def take_anchors(self, start: Start) -> None:
@@ -347,10 +389,10 @@ class MovingSteps:
             state.anchored[:first], state.anchors[:first] = anchors.anchored, anchors.q
             state.along[:], state.growing[:first] = anchors.along, anchors.growing
         if self._rubbing is not None:
-            self._rubbing.take_anchors(start.rubbing)
+            self._rubbing.take_anchors(start)
         for number, pair in enumerate(self._pairs):
             pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
-            self._hold(number)
+            self._held.hold(number)
 
     def step(self, h: float) -> None:
         """Know that steps of a length h [s] follow."""
@@ -373,6 +415,10 @@ class MovingSteps:
     def pairs(self, q: Array) -> tuple[GapState, ...]:
         """States of contacts of two bodies at coordinates q, (nq,)."""
         return tuple(pair.end(q) for pair in self._pairs)
+
+    def pairs_of_rubbing(self, q: Array) -> tuple[GapState, ...] | None:
+        """The same of contacts with friction."""
+        return None if self._rubbing is None else tuple(pair.end(q) for pair in self._rubbing.pairs)
 
 
 class Stepper:
@@ -417,6 +463,7 @@ class Stepper:
             self._flat = flat_contacts(contacts.rows, self._blocks, self._h, *of_frozen)
         self._friction: FrictionState | None = None
         self._loop: Any = None  # the same, as compiled loops take it
+        self._looped = False  # whether these have found the last forces that a step of loops did not find
         rubbing = None
         if contacts.friction is not None:
             self._friction = contacts.friction.state(self.values[nc:], self.stored[nc:])
@@ -425,7 +472,7 @@ class Stepper:
                 self._loop = friction_of(self._rough, self._friction)
             self._friction_parts = [ContactParts.of(contacts.friction, j) for j in range(count - nc)]
             if contacts.friction.rubbing is not None:
-                rubbing = RubbingSteps(contacts.friction.rubbing, self._rough, n)
+                rubbing = RubbingSteps(contacts.friction.rubbing, self._rough, self._friction, n)
         self._moving = None if contacts.moving is None else MovingSteps(contacts.moving, self._blocks, n, rubbing)
 
     @property
@@ -437,7 +484,7 @@ class Stepper:
     @property
     def left(self) -> dict[int, Array]:
         """See `run.Histories`."""
-        return {} if self._moving is None else self._moving.left
+        return {} if self._moving is None else self._moving.left(len(self.contacts.names))
 
     @property
     def closed(self) -> Array:
@@ -524,11 +571,29 @@ class Stepper:
             assert friction is not None
             self._plain().recall(friction, m.q, m.force)
             return None
-        if self._kernels is not None:
-            rubs = None if self._moving is None else self._moving.rubs
+        if self._kernels is not None and self._found_by_loops():
+            return None
+        return self._find_friction_by_numpy()
+
+    def _found_by_loops(self) -> bool:
+        """Add the forces of contacts with friction by compiled loops; whether they find them.
+
+        Rows of two bodies are found where loops cannot follow them.
+        """
+        m, moving = self.motion, self._moving
+        assert self._kernels is not None
+        rubs, pairs = (None, None) if moving is None else (moving.rubs, moving.rubbing_pairs)
+        lost = -1 if pairs is None else pairs.lost
+        while True:
+            if pairs is not None and lost >= 0:
+                if not np.isfinite(m.q).all():
+                    return False
+                pairs.place(lost, m)
             if self._kernels.find_friction(self._loop, rubs, m.q, m.q_start, m.force):
-                return None
-        return self._find_friction()
+                return True
+            lost = -1 if pairs is None else pairs.lost
+            if lost < 0:
+                return False
 
     def _plain(self) -> FrictionSteps:
         """Contacts with friction by NumPy."""
@@ -548,6 +613,7 @@ class Stepper:
             anchors=None if moving is None else moving.anchors(),
             pairs=None if moving is None else moving.pairs(m.q),
             rubbing=None if moving is None else moving.anchors_of_rubbing(),
+            rubbing_pairs=None if moving is None else moving.pairs_of_rubbing(m.q),
         )  # fmt: skip
 
     def go_back(self, state: Start) -> None:
@@ -599,7 +665,7 @@ class Stepper:
                 m.q[:], m.v[:] = m.q_start, m.v_start
                 return first - 1, why
             if self._friction is not None:
-                self._plain().accept(self._friction, h)
+                self._accept_friction(h)
             if self._moving is not None:
                 self._moving.plain.act(m.q, m.force)
                 self._moving.count_step()
@@ -616,7 +682,9 @@ class Stepper:
 
         Compiled loops give up where closed rows do not settle soon, or other rows must be found.
         """
-        moving = self._moving
+        moving, pairs = self._moving, None if self._moving is None else self._moving.rubbing_pairs
+        if self._kernels is not None and pairs is not None and pairs.lost >= 0:  # other forces are known
+            return self._find_friction()
         if self._kernels is not None and moving is not None and moving.lost >= 0:
             why = self._find_at_once(self.motion.v)
         else:
@@ -636,6 +704,23 @@ class Stepper:
 
     def _find_friction(self) -> Stop | None:
         """Add the forces of contacts with friction, see `_find`."""
+        of_two = self._moving is not None and self._moving.rubbing_pairs is not None
+        try:
+            self._looped = self._kernels is not None and of_two and self._found_by_loops()
+        except ComplementarityError as error:
+            return Stop("unsettled", str(error))
+        return None if self._looped else self._find_friction_by_numpy()
+
+    def _accept_friction(self, h: float) -> None:
+        """Take the forces of contacts with friction as those at the end of a step of length h [s]."""
+        assert self._friction is not None
+        if self._looped and self._kernels is not None:
+            self._kernels.accept_friction(self._loop, None if self._moving is None else self._moving.rubs, h)
+        else:
+            self._plain().accept(self._friction, h)
+
+    def _find_friction_by_numpy(self) -> Stop | None:
+        """Add the forces of contacts with friction by NumPy; return what prevents it."""
         m, friction, plan = self.motion, self._friction, self.contacts.friction
         assert friction is not None
         assert plan is not None
@@ -708,7 +793,7 @@ class Stepper:
         if len(samples.stored):
             samples.stored[place], samples.lam[place] = self.stored, self._lam()
         if self._moving is not None:
-            self._moving.watch_edges(self.values, self._h, self._blocks.lam, self.motion.q)
+            self._moving.watch_edges(self.values, self._h, self._blocks.lam, self._friction, self.motion.q)
             self._moving.keep_fresh(samples.fresh[place])
         if self._friction is not None:
             s = self._friction

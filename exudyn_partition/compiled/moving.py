@@ -263,14 +263,20 @@ class Moves(NamedTuple):
     ----------
     rigid, pairs : list of Following
         Those with rigid surfaces, and of two bodies.
-    rubbing : list of Following
-        Those with rigid surfaces that have friction, or that such a contact moves. Their numbers are those among the
-        contacts with friction, see `FrictionPlan`.
+    rubbing, rubbing_pairs : list of Following
+        The same that have friction, or that such a contact moves. Their numbers are those among the contacts with
+        friction, see `FrictionPlan`.
     """
 
     rigid: list[Following]
     pairs: list[Following]
     rubbing: list[Following]
+    rubbing_pairs: list[Following]
+
+    @classmethod
+    def none(cls) -> Moves:
+        """No contact moves."""
+        return cls([], [], [], [])
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,8 +291,9 @@ class MovingPlan:
         Contacts with rigid surfaces, those of `surfaces`, and of two bodies.
     bounds : (float, float, float)
         `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
-    rubbing : tuple of Following
-        Contacts with friction, and those that they move, on rigid surfaces, see `rubbing`. The state is not theirs.
+    rubbing, rubbing_pairs : tuples of Following
+        Contacts with friction, and those that they move, on rigid surfaces and of two bodies, see `rubbing`. The state
+        is not theirs.
     """
 
     frames: Frames
@@ -295,6 +302,7 @@ class MovingPlan:
     pairs: tuple[Following, ...]
     bounds: tuple[float, float, float]
     rubbing: tuple[Following, ...] = ()
+    rubbing_pairs: tuple[Following, ...] = ()
 
     @property
     def contact(self) -> Array:

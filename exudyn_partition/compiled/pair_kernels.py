@@ -1,7 +1,7 @@
-"""Compiled steps of contacts of two bodies whose rows follow facets; `pair_rows` searches, and does the same by NumPy.
+"""Compiled steps of contacts of two bodies whose rows follow facets; `followed_pairs` searches, and does the same by NumPy.
 
 Rows are followed by the loops of `surfaces`, as in Exudyn's runs. Where these cannot go on, `gaps_of_pair` says so, and
-`pair_rows.PairRows` finds other rows.
+`followed_pairs.FollowedPair` finds other rows.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..algebra.block_complementarity import FlatBlocks
     from .moving import MovingState
 
-Following = tuple[float, int, float, int, float, float, float]  # see `pair_rows.FOLLOWING`
+Following = tuple[float, int, float, int, float, float, float]  # see `followed_pairs.FOLLOWING`
 
 find_rows, find_gaps, push_pairs = called(rows_along), called(followed_gaps), called(pushed_pairs)
 
@@ -152,7 +152,7 @@ class PairsType(StructType):
 class Pairs(structref.StructRefProxy):
     """All contacts of two bodies whose rows follow facets: addresses of `Pair`, (n,), and one of these as an example.
 
-    `offset` is the number of moving contacts before them, `following` as in `pair_rows`.
+    `offset` is the number of moving contacts before them, `following` as in `followed_pairs`.
     """
 
     addresses: Array
@@ -341,33 +341,46 @@ def set_along(nodes: FlatNodes, normals: Array, q: Array, along: Array) -> None:
 
 
 @inner
+def renew_pair_anchor(
+    pair: Pair, state: MovingState, q: Array, same: float, anchored: bool, anchor: Array, products: Array
+) -> bool:
+    """Take an anchor here if there is none, or rows have moved by more than `same` since; whether that was done.
+
+    Set are its coordinates, (nq,), products by which both sides grow, (12,), and what the flexibility needs.
+    """
+    most = 0.0 if anchored else np.inf
+    for i in range(3):
+        for k in range(3):
+            most = max(most, abs(pair.here[i, k] / pair.size - pair.at_here[i, k] / pair.size))
+    if most <= same:
+        return False
+    for i in range(len(q)):
+        anchor[i] = q[i]
+    for c in range(6):
+        products[c] = state.products[pair.slave.body, c] if pair.slave.body >= 0 else 0.0
+        products[6 + c] = state.products[pair.master.body, c] if pair.master.body >= 0 else 0.0
+    q_j, n = gathered(pair.dofs, 0, len(pair.dofs), q), pair.flat.n
+    for i in range(3):
+        for k in range(3):
+            pair.at_here[i, k] = pair.here[i, k]
+    points = pair.flat.rows.points
+    weights, facets, facet = points.weights.T, points.facets, points.facet
+    weigh(points.local.T, points.step.T, points.table, weights)
+    for i in range(len(facet)):
+        for k in range(facets.shape[1]):
+            pair.nodes_m[i, k], pair.weights_m[i, k] = facets[facet[i], k], -weights[i, k]
+    set_along(pair.flat.slave, pair.normals, q_j[:n], pair.along_s)
+    set_along(pair.flat.master, pair.normals, q_j[n:], pair.along_m)
+    return True
+
+
+@inner
 def anchor_pair(blocks: FlatBlocks, pair: Pair, state: MovingState, s: int, q: Array, same: float) -> bool:
     """See `moving_kernels.anchor_surface`."""
     if pair.frozen:
         return False
-    most = 0.0 if state.anchored[s] else np.inf
-    for i in range(3):
-        for k in range(3):
-            most = max(most, abs(pair.here[i, k] / pair.size - pair.at_here[i, k] / pair.size))
-    if not most <= same:
+    if renew_pair_anchor(pair, state, q, same, state.anchored[s], state.anchors[s], state.growing[s]):
         state.anchored[s], state.fresh[s], state.found[s] = True, True, False
-        for i in range(len(q)):
-            state.anchors[s, i] = q[i]
-        for c in range(6):
-            state.growing[s, c] = state.products[pair.slave.body, c] if pair.slave.body >= 0 else 0.0
-            state.growing[s, 6 + c] = state.products[pair.master.body, c] if pair.master.body >= 0 else 0.0
-        q_j, n = gathered(pair.dofs, 0, len(pair.dofs), q), pair.flat.n
-        for i in range(3):
-            for k in range(3):
-                pair.at_here[i, k] = pair.here[i, k]
-        points = pair.flat.rows.points
-        weights, facets, facet = points.weights.T, points.facets, points.facet
-        weigh(points.local.T, points.step.T, points.table, weights)
-        for i in range(len(facet)):
-            for k in range(facets.shape[1]):
-                pair.nodes_m[i, k], pair.weights_m[i, k] = facets[facet[i], k], -weights[i, k]
-        set_along(pair.flat.slave, pair.normals, q_j[:n], pair.along_s)
-        set_along(pair.flat.master, pair.normals, q_j[n:], pair.along_m)
     if state.found[s]:
         return False
     clear_pair(blocks, pair)
@@ -401,6 +414,34 @@ def clear_pair(blocks: FlatBlocks, pair: Pair) -> None:
 
 
 @inner
+def used_nodes(nodes: Array, n: int) -> tuple[Array, Array]:
+    """Those of n nodes that carry points, (m,), and the numbers among them of the nodes of each point, (p, k)."""
+    column, used, m = np.full(n, -1), np.empty(n, np.int64), 0
+    compact = np.empty(nodes.shape, np.int64)
+    for i in range(nodes.shape[0]):
+        for k in range(nodes.shape[1]):
+            node = nodes[i, k]
+            if column[node] < 0:
+                column[node], used[m] = m, node
+                m += 1
+            compact[i, k] = column[node]
+    return used[:m], compact
+
+
+@inner
+def flexibility_of(side: PairSide, used: Array) -> Array:
+    """Flexibility of some nodes of a side, (d m, d m)."""
+    d, n = side.d, len(used)
+    F = np.empty((d * n, d * n))
+    for i in range(n):
+        for a in range(d):
+            for k in range(n):
+                for b in range(d):
+                    F[d * i + a, d * k + b] = side.F[d * used[i] + a, d * used[k] + b]
+    return F
+
+
+@inner
 def add_flexibility(
     blocks: FlatBlocks, pair: Pair, side: PairSide, nodes: Array, weights: Array, along: Array, sign: float
 ) -> None:
@@ -410,25 +451,12 @@ def add_flexibility(
     """
     if len(side.F) == 0:
         return
-    d, column, used, n = side.d, np.full(len(side.x), -1), np.empty(len(side.x), np.int64), 0
-    compact = np.empty(nodes.shape, np.int64)
-    for i in range(nodes.shape[0]):
-        for k in range(nodes.shape[1]):
-            node = nodes[i, k]
-            if column[node] < 0:
-                column[node], used[n] = n, node
-                n += 1
-            compact[i, k] = column[node]
-    points = pair.flat.rows.points
+    d, (used, compact) = side.d, used_nodes(nodes, len(side.x))
+    n, points = len(used), pair.flat.rows.points
     rows = find_rows(points.starts, points.columns, points.means, compact, weights, along, n)
     own, nr, m = own_of_pair(blocks, pair), len(pair.slots), d * n
-    F, moved, n_fields = np.empty((m, m)), np.empty(m), side.fields.shape[1]
+    F, moved, n_fields = flexibility_of(side, used), np.empty(m), side.fields.shape[1]
     fields = matrix_at(blocks.numbers, blocks.fields[pair.contact], blocks.amplitudes.shape[1], len(own))
-    for i in range(n):
-        for a in range(d):
-            for k in range(n):
-                for b in range(d):
-                    F[d * i + a, d * k + b] = side.F[d * used[i] + a, d * used[k] + b]
     for row in range(nr):
         for c in range(m):
             moved[c] = 0.0

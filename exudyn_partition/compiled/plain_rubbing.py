@@ -1,4 +1,4 @@
-"""What `rubbing_kernels` does, by NumPy, for those who have no numba and where compiled loops give up."""
+"""What `rubbing_kernels` does, by NumPy, and `rubbing_pairs` for two bodies, for those who have no numba and where compiled loops give up."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from .friction_plan import FlatFrictionRows, FrictionState
 from .moving import MovingState
 from .plain_moving import PlainBody, PlainSurface
 from .rubbing import Rubbing, RubbingState
+from .rubbing_pairs import RubbingPair
 
 
 class PlainRubbing:
-    """Contacts with friction whose rows follow the motion on rigid surfaces, in a run.
+    """Contacts with friction whose rows follow the motion, in a run.
 
     Parameters
     ----------
@@ -29,16 +30,18 @@ class PlainRubbing:
         By which bodies grow.
     bodies : sequence of PlainBody
         Those in floating frames.
+    pairs : sequence of RubbingPair
+        Contacts of two bodies.
     """
 
     def __init__(
         self, plan: Rubbing, state: RubbingState, flat: FlatFrictionRows, moving: MovingState,
-        bodies: Sequence[PlainBody],
+        bodies: Sequence[PlainBody], pairs: Sequence[RubbingPair],
     ) -> None:  # fmt: skip
         self._plan, self._state, self._flat, self._moving, surfaces = plan, state, flat, moving, plan.surfaces
         of_surfaces = [bodies[b] if b >= 0 else None for b in surfaces.body.tolist()]
         self._contacts = [PlainSurface(surfaces, s, body) for s, body in enumerate(of_surfaces)]
-        self._blocks = flat.blocks()
+        self._blocks, self._pairs = flat.blocks(), pairs
 
     def _rows(self, j: int) -> slice:
         """Rows of a contact."""
@@ -49,6 +52,8 @@ class PlainRubbing:
         for one in self._contacts:
             self._place(one, q)
             self._state.before[self._rows(one.contact)] = self._state.place[self._rows(one.contact)]
+        for pair in self._pairs:
+            pair.stand(q)
 
     def _place(self, one: PlainSurface, q: Array) -> Array:
         """Set places, normals and tangents of the rows of a contact; return their gaps, (nr,) [m]."""
@@ -68,8 +73,8 @@ class PlainRubbing:
                     break
         return gap
 
-    def rub(self, f: FrictionState, q: Array) -> None:
-        """See `rubbing_kernels.rub`."""
+    def rub(self, f: FrictionState, q: Array, q_before: Array) -> None:
+        """See `friction_kernels.place_moving`; the step began at coordinates `q_before`, (nq,)."""
         state, memory = self._state, f.memory
         for one in self._contacts:
             rows = self._rows(one.contact)
@@ -79,9 +84,16 @@ class PlainRubbing:
                 f.way[rows] = np.einsum("rkd,rd->rk", tangents, state.place[rows] - state.before[rows])
                 in_space = memory.tractions[rows] @ state.axes[one.s].T
                 memory.forces[rows, 1:] = np.einsum("rkd,rd->rk", tangents, in_space)
+        for pair in self._pairs:
+            pair.rub(q, q_before)
+
+    def lacks_rows(self) -> bool:
+        """Whether forces may push rows shut that are not followed, see `friction_kernels.lack_rows`."""
+        several = np.diff(self._flat.groups) > 1
+        return any([pair.lacks_rows(shared=bool(several[pair.group])) for pair in self._pairs])
 
     def anchor(self, f: FrictionState, group: int, q: Array) -> None:
-        """See `rubbing_kernels.anchor_rubbing`."""
+        """See `friction_kernels.anchor_moving`."""
         state, plan = self._state, self._plan
         for one in self._contacts:
             s = one.s
@@ -99,6 +111,9 @@ class PlainRubbing:
             if state.found_axis[s] != state.axis[s]:
                 self._find_flexibility(one, group)
                 f.fresh[group] = True
+        for pair in self._pairs:
+            if pair.group == group:
+                pair.anchor()
 
     def _find_flexibility(self, one: PlainSurface, group: int) -> None:
         """See `rubbing_kernels.find_flexibility`."""
@@ -134,19 +149,23 @@ class PlainRubbing:
         return np.asarray(rows.reshape(3 * nr, -1))
 
     def push(self, f: FrictionState, q: Array, force: Array) -> None:
-        """See `rubbing_kernels.push_rubbing`."""
+        """See `friction_kernels.push_moving`."""
         for one in self._contacts:
             rows = self._rows(one.contact)
             if (f.status[rows] != OPEN).any():
                 traction = np.einsum("rk,rkd->rd", f.lam[rows, 1:], self._flat.tangents[rows])
                 pushes = (one.mean.T @ f.lam[rows, 0])[:, None] * self._state.normals[one.points]
                 one.act(q, pushes + one.mean.T @ traction, force)
+        for pair in self._pairs:
+            pair.push(force)
 
     def accept(self, f: FrictionState) -> None:
-        """See `rubbing_kernels.accept_rubbing`."""
+        """See `friction_kernels.accept_moving`."""
         state = self._state
         for one in self._contacts:
             rows = self._rows(one.contact)
             state.before[rows] = state.place[rows]
             traction = np.einsum("rk,rkd->rd", f.lam[rows, 1:], self._flat.tangents[rows])
             f.memory.tractions[rows] = traction @ state.axes[one.s]
+        for pair in self._pairs:
+            pair.accept()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..contact.linear_gaps import FlatRows
     from .friction_plan import Choosing
     from .moving import MovingState, Surfaces
+    from .pair_kernels import Pairs
 
 
 @structref.register
@@ -85,10 +86,14 @@ class RubsType(StructType):
 
 
 class Rubs(structref.StructRefProxy):
-    """`Rubbing` and `RubbingState` as one object, with that state of the run by which bodies grow."""
+    """`Rubbing` and `RubbingState` as one object, with that state of the run by which bodies grow.
+
+    Where there are no rigid surfaces, or no pairs of two bodies, `surfaces` or `pairs` is None.
+    """
 
     moving: MovingState
-    surfaces: Surfaces
+    surfaces: Surfaces | None
+    pairs: Pairs | None
     groups: Array
     first_axis: Array
     same: Array
@@ -99,6 +104,10 @@ class Rubs(structref.StructRefProxy):
     normals: Array
     place: Array
     before: Array
+    nodes: Array
+    nodes_from: Array
+    axes_before: Array
+    growing_before: Array
     axes: Array
     axis: Array
     anchored: Array
@@ -107,6 +116,9 @@ class Rubs(structref.StructRefProxy):
     growing: Array
     found_axis: Array
     fresh: Array
+    lost: Array
+    left: Array
+    left_at: Array
     numbers: Array
 
 

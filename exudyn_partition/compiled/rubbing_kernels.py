@@ -23,7 +23,8 @@ from .pair_kernels import growing
 from .rough_kernels import Rubs, rubs
 
 if TYPE_CHECKING:
-    from .moving import MovingState
+    from .moving import MovingState, Surfaces
+    from .pair_kernels import Pairs
     from .rough_kernels import Friction
     from .rubbing import Rubbing, RubbingState
 
@@ -31,30 +32,31 @@ find_rigid_gaps, find_tangents, find_pushes = called(rigid_gaps), called(tangent
 find_rows, find_directed = called(rows_along), called(directed_rows)
 
 
-def rubs_of(plan: Rubbing, state: RubbingState, moving: MovingState, sides: Sequence[RigidSide]) -> Rubs:
+def rubs_of(
+    plan: Rubbing, state: RubbingState, moving: MovingState, sides: Sequence[RigidSide], pairs: Pairs | None
+) -> Rubs:
     """These contacts in a run, which loops write to; hold the sides as long as loops use it."""
     addresses = np.array([address(side) for side in sides], dtype=np.int64)
-    return rubs(flat_state(moving), flat_surfaces((*plan.surfaces, addresses, sides[0])), *plan[1:-1], *state)
+    surfaces = flat_surfaces((*plan.surfaces, addresses, sides[0])) if sides else None
+    return rubs(flat_state(moving), surfaces, pairs, *plan[2:-1], *state)
 
 
 @inner
-def set_tangents(f: Friction, r: Rubs, s: int) -> None:
-    """Set the tangents of the rows of a contact, by the first axis that no normal is nearly along."""
-    j = r.surfaces.contact[s]
-    first, end, least = f.rows.starts[j], f.rows.starts[j + 1], np.inf
-    normals, axis = matrix_at(f.rows.numbers, f.rows.normals[j], end - first, 3), np.empty(3)
+def set_tangents(r: Rubs, s: int, normals: Array, tangents: Array) -> None:
+    """Set the tangents, (n, 2, 3), to normals of rows of a contact, by the first axis that none is nearly along."""
+    axis, least = np.empty(3), np.inf
     for trial in range(3):
         number, steepest = (r.first_axis[s] + trial) % 3, 0.0
         for a in range(3):
             axis[a] = r.axes[s, a, number]
         found, cosines = find_tangents(normals, axis)
-        for i in range(end - first):
+        for i in range(len(normals)):
             steepest = max(steepest, cosines[i])
         if steepest < least:
             least, r.axis[s] = steepest, number
-            for i in range(end - first):
+            for i in range(len(normals)):
                 for a in range(3):
-                    f.tangents[first + i, 0, a], f.tangents[first + i, 1, a] = found[i, 0, a], found[i, 1, a]
+                    tangents[i, 0, a], tangents[i, 1, a] = found[i, 0, a], found[i, 1, a]
         if steepest <= STEEP:
             return
 
@@ -92,7 +94,7 @@ def place_rows(f: Friction, r: Rubs, s: int, q: Array) -> None:
         for b in range(3):
             r.axes[s, a, b] = axes[a, b]
     if f.frictional[j]:
-        set_tangents(f, r, s)
+        set_tangents(r, s, of_rows, f.tangents[first:end])
 
 
 @inner
@@ -119,10 +121,10 @@ def slide_rows(f: Friction, r: Rubs, s: int) -> bool:
 
 
 @inner
-def rub(f: Friction, r: Rubs | None, q: Array) -> bool:
+def rub(f: Friction, r: Rubs, surfaces: Surfaces | None, q: Array) -> bool:
     """Set gaps, tangents and ways of all these rows at the model's coordinates; whether they are finite."""
-    if r is not None:
-        for s in range(len(r.groups)):
+    if surfaces is not None:
+        for s in range(len(surfaces.contact)):
             place_rows(f, r, s, q)
             if not slide_rows(f, r, s):
                 return False
@@ -130,13 +132,13 @@ def rub(f: Friction, r: Rubs | None, q: Array) -> bool:
 
 
 @inner
-def anchor_rubbing(f: Friction, r: Rubs | None, g: int, q: Array) -> None:
+def anchor_rubbing(f: Friction, r: Rubs, surfaces: Surfaces | None, g: int, q: Array) -> None:
     """Find the flexibility of the rows of a group again that have moved far since, see `Gaps.anchored`."""
-    if r is not None:
-        for s in range(len(r.groups)):
+    if surfaces is not None:
+        for s in range(len(surfaces.contact)):
             if r.groups[s] == g:
                 kept = r.along, r.anchors, r.growing
-                if renew_anchor(r.surfaces, r.moving, s, q, r.normals, kept, r.anchored[s], r.same[s]):
+                if renew_anchor(surfaces, r.moving, s, q, r.normals, kept, r.anchored[s], r.same[s]):
                     r.anchored[s], r.found_axis[s] = True, -1
                 if r.found_axis[s] != r.axis[s]:
                     find_flexibility(f, r, s)
@@ -220,11 +222,11 @@ def link_rows(f: Friction, r: Rubs, j: int, g: int) -> None:
 
 
 @inner
-def push_rubbing(f: Friction, r: Rubs | None, q: Array, force: Array) -> None:
+def push_rubbing(f: Friction, r: Rubs, surfaces: Surfaces | None, q: Array, force: Array) -> None:
     """Add the generalised forces of these contacts."""
-    if r is not None:
-        surfaces, starts = r.surfaces, f.rows.starts
-        for s in range(len(r.groups)):
+    if surfaces is not None:
+        starts = f.rows.starts
+        for s in range(len(surfaces.contact)):
             j, side = surfaces.contact[s], side_at(surfaces, s)
             if f.values[j, 1] == 0.0:
                 continue
@@ -244,15 +246,24 @@ def push_rubbing(f: Friction, r: Rubs | None, q: Array, force: Array) -> None:
 
 
 @inner
-def accept_rubbing(f: Friction, r: Rubs | None) -> None:
+def accept_rubbing(f: Friction, r: Rubs, surfaces: Surfaces | None) -> None:
     """Take the answer as the end of a step, from which rows slide in the next one."""
-    if r is not None:
-        for s in range(len(r.groups)):
-            j = r.surfaces.contact[s]
-            for i in range(f.rows.starts[j], f.rows.starts[j + 1]):
+    if surfaces is not None:
+        for s in range(len(surfaces.contact)):
+            first, end = f.rows.starts[surfaces.contact[s]], f.rows.starts[surfaces.contact[s] + 1]
+            for i in range(first, end):
                 for b in range(3):
-                    r.before[i, b], f.tractions[i, b] = r.place[i, b], 0.0
-                for a in range(3):
-                    along = f.lam[i, 1] * f.tangents[i, 0, a] + f.lam[i, 2] * f.tangents[i, 1, a]
-                    for b in range(3):
-                        f.tractions[i, b] += r.axes[s, a, b] * along
+                    r.before[i, b] = r.place[i, b]
+            keep_tractions(f, r.axes[s], first, end)
+
+
+@inner
+def keep_tractions(f: Friction, axes: Array, first: int, end: int) -> None:
+    """Keep the tangential forces on some rows in axes of a body."""
+    for i in range(first, end):
+        for b in range(3):
+            f.tractions[i, b] = 0.0
+        for a in range(3):
+            along = f.lam[i, 1] * f.tangents[i, 0, a] + f.lam[i, 2] * f.tangents[i, 1, a]
+            for b in range(3):
+                f.tractions[i, b] += axes[a, b] * along

@@ -30,6 +30,8 @@ class Start:
         Of contacts of two bodies whose rows follow facets. Default: as they are placed.
     rubbing : Anchors, optional
         As `anchors`, of contacts with friction.
+    rubbing_pairs : tuple of GapState, optional
+        As `pairs`, of contacts with friction.
     """
 
     q: Array
@@ -40,3 +42,4 @@ class Start:
     anchors: Anchors | None = None
     pairs: tuple[GapState, ...] | None = None
     rubbing: Anchors | None = None
+    rubbing_pairs: tuple[GapState, ...] | None = None

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..compiled.friction_plan import FrictionMemory, FrictionPlan
+from ..compiled.moving import rows_of
 from ..compiled.run import Histories
 from ..compiled.start import Start
 from ..contact.law import Forces
 from ..contact.memory import RowMemory, by_nodes, normal_by_nodes
+from ..contact.patch_gaps import PatchGaps
 from ..contact.state import ContactState
 from ..contact.tangential import TangentialRows
 from ..exudyn_contacts.contact_run import ContactRun
@@ -72,9 +74,9 @@ class FrictionGroups:
         rows, mechanics, some = member.mechanics.rows, member.mechanics, slice(*self._plan.rows.starts[j : j + 2])
         forces, n = memory.forces[some], len(mechanics.state.memory.path)
         if not isinstance(rows, TangentialRows):
-            return mechanics.state.memory.with_forces(normal_by_nodes(rows.gaps.row_nodes, forces[:, :1], n))
+            return mechanics.state.memory.with_forces(normal_by_nodes(rows_of(rows.gaps), forces[:, :1], n))
         slipped, speed, path = np.zeros(n, dtype=bool), np.zeros(n), mechanics.state.memory.path.copy()
-        nodes = rows.gaps.row_nodes
+        nodes = rows_of(rows.gaps)
         for at_nodes, on_rows in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
             at_nodes[nodes] = on_rows[some]
         if rows.gaps.moving:  # in the body's axes
@@ -103,21 +105,32 @@ class FrictionGroups:
                     tangential = (traction[i, closed], status[i, closed]) if self._plan.laws[j] is not None else None
                     kept = lam[i, closed], float(made.stored[begin + i, place + j]), tangential
                     self._keep_sample(member, float(t[begin + i]), made.q[begin + i], closed, *kept)
+                    left = made.left.get(place + j)
+                    if left is not None and (made.q[begin + i] == left).all():
+                        self._look_for_edge(member, float(t[begin + i]), left, closed, lam[i, closed])
         for j, member in enumerate(self._members):
             member.record.end_with(self._memory(j, member, made.end.friction))
 
-    @staticmethod
+    @classmethod
     def _keep_sample(
-        member: ContactRun, t: float, q: Array, closed: Array, lam: Array, stored: float,
+        cls, member: ContactRun, t: float, q: Array, closed: Array, lam: Array, stored: float,
         tangential: tuple[Array, Array] | None,
     ) -> None:  # fmt: skip
         """Let a contact keep a sample of its closed rows, (na,)."""
-        mechanics, record, gaps = member.mechanics, member.record, member.mechanics.gaps
-        record.keep_rows(t, gaps.row_nodes[closed], lam, stored, tangential)
-        leaves_at = gaps.leaves_at[closed]
-        if record.edge is None and np.isfinite(leaves_at).any():
-            gap = gaps.at(member.coordinates_in(q))
-            if (np.maximum(-gap[closed], 0.0) >= leaves_at).any():
-                forces = np.zeros((len(gap), mechanics.rows.d))
-                forces[closed, 0] = lam
-                record.look_for_edge(t, mechanics.answered(Forces(forces, closed), gap, float(gap.min())))
+        record, gaps = member.record, member.mechanics.gaps
+        record.keep_rows(t, rows_of(gaps)[closed], lam, stored, tangential)
+        followed = isinstance(gaps, PatchGaps) and gaps.moving  # loops have looked where these leave their patch
+        if record.edge is None and not followed and np.isfinite(gaps.leaves_at[closed]).any():
+            cls._look_for_edge(member, t, q, closed, lam)
+
+    @staticmethod
+    def _look_for_edge(member: ContactRun, t: float, q: Array, closed: Array, lam: Array) -> None:
+        """Let a contact record where it leaves its patch, if it does so in a sample with these closed rows, (na,)."""
+        mechanics, gaps = member.mechanics, member.mechanics.gaps
+        nodes, gap = rows_of(gaps)[closed], gaps.at(member.coordinates_in(q))
+        present = np.isin(gaps.row_nodes, nodes)
+        if (np.maximum(-gap[present], 0.0) >= gaps.leaves_at[present]).any():
+            forces = np.zeros((len(gap), mechanics.rows.d))
+            forces[present, 0] = lam[np.isin(nodes, gaps.row_nodes)]
+            answer = mechanics.answered(Forces(forces, np.flatnonzero(present)), gap, float(gap.min()))
+            member.record.look_for_edge(t, answer)

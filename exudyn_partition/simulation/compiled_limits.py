@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ..compiled.moving import can_follow
+from ..compiled.moving import can_follow, rows_of
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import SharedPatches
 from ..contact.formulations.coupled_friction import SharedFriction
-from ..contact.rigid import RigidGaps
 from ..errors import CompiledRunError
 from ..exudyn_bodies.model import registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -40,7 +39,8 @@ def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
         raise CompiledRunError(
             "compiled runs hold partition bodies, their contacts by compliance, rigid planes, spheres and cylinders, "
             "gravity, constant loads on coordinates and damping of modes; friction on rigid surfaces, and of bodies "
-            f"with each other as long as frames do not turn, and pairs do not slide. This one has more:{listed}\n"
+            "with each other; where no frame of these turns, as long as pairs do not slide. This one has more:"
+            f"{listed}\n"
             "Leave it out, or run the model by solve_dynamic(..., solver='exudyn')"
         )
 
@@ -73,7 +73,7 @@ def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has formulation {type(contact.formulation).__name__}"
         if mechanics.friction is not None and mechanics.gaps.on_demand:
             yield f"{named} has friction on a large skin"
-        rows = sum(len(member.mechanics.gaps.row_nodes) for member in contact.group)
+        rows = sum(len(rows_of(member.mechanics.gaps)) for member in contact.group)
         if has_friction(contact.group) and rows > MOST_ROWS:
             yield f"{named} is solved together with {rows} rows of which some have friction, more than {MOST_ROWS}"
         if mechanics.zones is not None:
@@ -97,16 +97,11 @@ def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
 def _reasons_by_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
     """Reasons that contacts give whose pairs follow the motion, see `check_held`."""
     gaps = contact.mechanics.gaps
-    if gaps.may_freeze:
-        return
-    if not can_follow(gaps):
+    if not gaps.may_freeze and not can_follow(gaps):
         yield (
             f"{named} has pairs that follow the motion: of a RigidMesh, of Partition.surface on a rigid surface, or of "
             "large skins"
         )
-    elif has_friction(contact.group) and not isinstance(gaps, RigidGaps):
-        has = "friction" if contact.mechanics.friction is not None else "a body in common with a contact with friction"
-        yield f"{named} has {has}, and pairs of two bodies that follow the motion, of a floating frame"
 
 
 def _reasons_by_items(

@@ -149,14 +149,14 @@ def _friction_plan(
     contacts = [contact for group in ordered for contact in group]
     members = [mechanics for _, some in groups for mechanics in some]
     for contact, mechanics in zip(contacts, members, strict=True):
-        if mechanics.gaps.moving and not isinstance(mechanics.gaps, RigidGaps):
+        if mechanics.gaps.moving and mechanics.gaps.may_freeze:
             raise CompiledRunError(
                 f"pairs of contact {contact.name!r}, which has friction, slide where this run begins; take "
                 "solver='exudyn'"
             )
     rows, ways, tangents = _rows(mbs, contacts, members), list[Array](), list[Array]()
     for mechanics in members:
-        of_contact, nr = mechanics.rows, len(mechanics.gaps.row_nodes)
+        of_contact, nr = mechanics.rows, len(rows_of(mechanics.gaps))
         if mechanics.gaps.moving:
             ways.append(np.zeros((2 * nr, 0)))
             tangents.append(np.zeros((nr, 2, 3)))
@@ -174,13 +174,14 @@ def _friction_plan(
     starts = np.cumsum([0, *(len(some) for _, some in groups)])
     laws = tuple(mechanics.friction for mechanics in members)
     names, flexibilities = tuple(contact.name for contact in contacts), tuple(F for F, _, _ in wholes)
-    rubbing = None if moving is None else _rubbing(moving.rubbing, groups, wholes)
+    rubbing = None if moving is None else _rubbing(moving, groups, wholes)
     return FrictionPlan(names, rows, tuple(ways), np.concatenate(tangents), starts, flexibilities, laws, rubbing)
 
 
-def _rubbing(contacts: Sequence[Following], groups: Groups, wholes: Sequence[Whole]) -> Rubbing | None:
-    """Contacts with friction on rigid surfaces whose rows follow the motion, of groups with friction alone."""
-    if not contacts:
+def _rubbing(moving: MovingPlan, groups: Groups, wholes: Sequence[Whole]) -> Rubbing | None:
+    """Contacts with friction whose rows follow the motion, of groups with friction alone."""
+    contacts, pairs = moving.rubbing, moving.rubbing_pairs
+    if not contacts and not pairs:
         return None
     members = [mechanics for _, some in groups for mechanics in some]
     fields, core, numbers = list[Array](), dict[tuple[int, int], Array](), list[int]()
@@ -188,7 +189,8 @@ def _rubbing(contacts: Sequence[Following], groups: Groups, wholes: Sequence[Who
         core |= {(len(numbers) + j, len(numbers) + k): S for (j, k), S in between.items()}
         fields += of_group
         numbers += [group] * len(some)
-    return rubbing_of(contacts, [members[one.contact].rows for one in contacts], numbers, fields, core)
+    rows = [members[one.contact].rows for one in (*contacts, *pairs)]
+    return rubbing_of(contacts, pairs, rows, numbers, fields, core)
 
 
 def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
@@ -196,12 +198,13 @@ def friction_memory(groups: Sequence[Sequence[PatchContact]]) -> FrictionMemory:
     members = [contact for some in groups for contact in some]
     forces, slipped, speed, path, tractions = (list[Array]() for _ in range(5))
     for mechanics in members:
-        memory, nodes = mechanics.state.memory, mechanics.gaps.row_nodes
+        memory, nodes = mechanics.state.memory, rows_of(mechanics.gaps)
         of_rows, in_axes = np.zeros((2, len(nodes), 3))
         in_axes[:, : memory.forces.shape[1] - 1] = memory.forces[nodes, 1:]
         tractions.append(in_axes)
         remembered = on_rows(mechanics.rows, memory.forces)
-        of_rows[:, : remembered.shape[1]] = remembered
+        present = np.searchsorted(nodes, mechanics.gaps.row_nodes)
+        of_rows[present, : remembered.shape[1]] = remembered
         forces.append(of_rows)
         for kept, values in ((slipped, memory.slipped), (speed, memory.speed), (path, memory.path)):
             kept.append(values[nodes])
@@ -238,7 +241,7 @@ def _softened_friction(plan: FrozenPlan, groups: Groups, wholes: Sequence[Whole]
     friction, rubbing = plan.friction, None
     assert friction is not None
     if friction.rubbing is not None and plan.moving is not None:
-        rubbing = _rubbing(plan.moving.rubbing, groups, wholes)
+        rubbing = _rubbing(plan.moving, groups, wholes)
         of_surfaces = [shares[len(plan.names) + j][0] for j in friction.rubbing.surfaces.contact]
         rubbing = rubbing and rubbing._replace(surfaces=rubbing.surfaces.softened(of_surfaces))
     return friction.softened([F for F, _, _ in wholes], rubbing)
@@ -249,7 +252,7 @@ def _whole(together: Together, members: Sequence[PatchContact], shares: Shares |
     if isinstance(together, CoupledFriction):
         return together.whole_flexibility(shares)
     (alone,) = members
-    n = len(alone.gaps.row_nodes)
+    n = len(rows_of(alone.gaps))
     if alone.gaps.moving:
         F = np.zeros((3 * n, 3 * n))
     elif shares is None:
@@ -271,11 +274,11 @@ def _blocks(
 
 def _moving(mbs: MainSystem, groups: Groups) -> MovingPlan | None:
     """Bodies in floating frames and moving contacts; None if there are none."""
-    turning, (rigid, pairs, rubbing) = _turning(mbs), moving_contacts(mbs, groups)
-    if not turning and not rigid and not pairs and not rubbing:
+    turning, moves = _turning(mbs), moving_contacts(mbs, groups)
+    if not turning and not any(moves):
         return None
-    bounds = BULGE, SAME, REGULARISATION
-    return MovingPlan(frames_of(turning), surfaces_of(rigid), tuple(rigid), tuple(pairs), bounds, tuple(rubbing))
+    (rigid, pairs, *with_friction), bounds = map(tuple, moves), (BULGE, SAME, REGULARISATION)
+    return MovingPlan(frames_of(turning), surfaces_of(rigid), rigid, pairs, bounds, *with_friction)
 
 
 def _turning(mbs: MainSystem) -> list[Turning]:
@@ -293,7 +296,7 @@ def moving_contacts(mbs: MainSystem, groups: Groups) -> Moves:
     """Contacts whose rows follow the motion; `groups` as `read_plan` takes."""
     bodies, contacts = partition_items(mbs)
     ordered, floating = contacts_by_group(contacts), [item for item in bodies if item.frame == "floating"]
-    found, number = Moves([], [], []), 0
+    found, number = Moves.none(), 0
     first = sum(len(group) for group in ordered if not has_friction(group))
     for of_group, (together, members) in zip(ordered, groups, strict=True):
         for j, (contact, mechanics) in enumerate(zip(of_group, members, strict=True)):
@@ -305,9 +308,9 @@ def moving_contacts(mbs: MainSystem, groups: Groups) -> Moves:
                     fields = [together.patch_fields(j, side) for side in range(len(items))]
                 numbers = tuple(floating.index(item) if item in floating else -1 for item in items)
                 dofs = np.concatenate([dofs_of(mbs, item) for item in items])
-                kind = found.rigid if isinstance(gaps, RigidGaps) else found.pairs
-                kind = found.rubbing if number >= first else kind
-                place = number - first if number >= first else number
+                rough, kinds = number >= first, (found.rigid, found.pairs, found.rubbing, found.rubbing_pairs)
+                kind = kinds[2 * rough + isinstance(gaps, PatchGaps)]
+                place = number - first if rough else number
                 kind.append(Following(place, numbers, dofs, gaps, tuple(fields)))
             number += 1
     return found
@@ -315,11 +318,14 @@ def moving_contacts(mbs: MainSystem, groups: Groups) -> Moves:
 
 def with_anchors(start: Start, moves: Moves) -> Start:
     """Return the start of a run with what its moving contacts remember."""
-    rigid, pairs, rubbing = moves
-    anchors = anchors_of(rigid, len(start.q)) if rigid else start.anchors
+    rigid, _, rubbing, _ = moves
+    pairs, rubbing_pairs = (
+        tuple(replace(pair.gaps.accepted, anchor=pair.gaps.anchor) for pair in some)
+        for some in (moves.pairs, moves.rubbing_pairs)
+    )
     return replace(
-        start, anchors=anchors, pairs=tuple(replace(pair.gaps.accepted, anchor=pair.gaps.anchor) for pair in pairs),
-        rubbing=anchors_of(rubbing, len(start.q)) if rubbing else start.rubbing,
+        start, anchors=anchors_of(rigid, len(start.q)) if rigid else start.anchors, pairs=pairs,
+        rubbing=anchors_of(rubbing, len(start.q)) if rubbing else start.rubbing, rubbing_pairs=rubbing_pairs,
     )  # fmt: skip
 
 
@@ -353,14 +359,14 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
 
 def give_anchors(moves: Moves, state: Start) -> None:
     """Let contacts go on from a state of compiled steps."""
-    rigid, pairs, rubbing = moves
-    for some, anchors in ((rigid, state.anchors), (rubbing, state.rubbing)):
+    for some, anchors in ((moves.rigid, state.anchors), (moves.rubbing, state.rubbing)):
         for s, contact in enumerate(some):
             assert anchors is not None
             if anchors.anchored[s]:
                 growing = growing_of(contact.gaps, anchors.growing[s])
                 contact.gaps.go_on_at(Anchor(anchors.q[s, contact.dofs], NOTHING, growing))
-    for pair, of_pair in zip(pairs, state.pairs or (), strict=True):
+    states = (*(state.pairs or ()), *(state.rubbing_pairs or ()))
+    for pair, of_pair in zip((*moves.pairs, *moves.rubbing_pairs), states, strict=True):
         if pair.gaps.may_freeze:
             pair.gaps.begin(of_pair)
             if pair.gaps.moving and len(pair.gaps.row_nodes):  # `Gaps.after` counts the last step

@@ -88,7 +88,7 @@ def _digest(plan: StepPlan, start: Start) -> str:
         blocks += [*friction.rows, *friction.ways, friction.tangents, *friction.flexibilities, *map(np.array, laws)]
     if (moving := contacts.moving) is not None:
         blocks += [*moving.frames, *moving.surfaces]
-        sides = [side for pair in moving.pairs for side in pair.gaps.sides]
+        sides = [side for pair in (*moving.pairs, *moving.rubbing_pairs) for side in pair.gaps.sides]
         for side in sides:
             blocks += [side.surface.points, dense(side.kinematics.rows), np.asarray(side.flexibility)]
     whole = np.concatenate([np.ravel(part) for part in (*plan.bodies, *contacts.rows, *blocks)])

@@ -224,7 +224,7 @@ def _check_adjoint(model: VariedModel, plan: StepPlan) -> None:
     pairs += [
         f"contact {rough.names[one.contact]!r} has friction, or moves with one that has it, and rows that follow the "
         "motion: of a floating frame, or a curved rigid surface"
-        for one in moving.rubbing
+        for one in (*moving.rubbing, *moving.rubbing_pairs)
         if rough is not None
     ]
     if pairs:

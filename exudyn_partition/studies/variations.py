@@ -176,13 +176,17 @@ class Entries:
         following: Moves | None = None,
     ) -> None:
         self._plan, self._start, self._places, self._contacts = plan, start, places, contacts
-        self._groups, self._variations, self._following = groups, variations, following or Moves([], [], [])
+        self._groups, self._variations, self._following = groups, variations, following or Moves.none()
         self._check_turning()
 
     def _check_turning(self) -> None:
         """Raise an error if E or rho varies of a body whose inertia forces or moving rows go with them."""
         moving = self._plan.contacts.moving
-        contacts = [] if moving is None else [self._contacts[pair.contact] for pair in moving.pairs]
+        first = len(self._plan.contacts.names)  # of contacts with friction
+        numbers = () if moving is None else (
+            *(pair.contact for pair in moving.pairs), *(first + pair.contact for pair in moving.rubbing_pairs)
+        )  # fmt: skip
+        contacts = [self._contacts[number] for number in numbers]
         follow = [item for contact in contacts for item, _ in contact.sides]
         for item in self._places:
             named = [name for name in POSITIVE if self._variations.varies(item, name)]
@@ -274,13 +278,16 @@ class Entries:
             if velocity is not None or turning is not None:
                 v[dofs] = _thrown(item, q[dofs], v[dofs], velocity, turning)
         placed = any("referencePosition" in given for given in values.values.values())
-        start, (rigid, pairs, rubbing) = replace(self._start, q=q, v=v), self._following
+        start, moves = replace(self._start, q=q, v=v), self._following
         if not placed:
             return start
         rubs = start.rubbing
         if rubs is not None:  # with friction, a placed contact has no anchor before its rows first push
-            rubs = replace(anchors_at(rubbing, q), anchored=rubs.anchored)
-        return replace(start, anchors=anchors_at(rigid, q), pairs=pairs_at(pairs, q), rubbing=rubs)
+            rubs = replace(anchors_at(moves.rubbing, q), anchored=rubs.anchored)
+        return replace(
+            start, anchors=anchors_at(moves.rigid, q), pairs=pairs_at(moves.pairs, q), rubbing=rubs,
+            rubbing_pairs=pairs_at(moves.rubbing_pairs, q),
+        )  # fmt: skip
 
 
 def _moved(item: PartitionBody, way: Array) -> Array:

@@ -54,7 +54,8 @@ class CoupledFriction(Coupled):
         """
         rows = [contact.rows for contact in self.contacts]
         core = self._fields.core if shares is None else self._exchange.yielding(shares)
-        every, n_fields = [np.arange(len(one.gaps.row_nodes)) for one in rows], max(map(len, core.values()), default=0)
+        numbers = [one.gaps.n_all if one.gaps.moving else len(one.gaps.row_nodes) for one in rows]
+        every, n_fields = [np.arange(n) for n in numbers], max(map(len, core.values()), default=0)
         parts, fields = consecutive([3 * len(index) for index in every]), list[Array]()
         F = np.zeros((parts[-1].stop,) * 2)
         for j, (part, columns, contact, index) in enumerate(zip(self._parts, parts, rows, every, strict=True)):
