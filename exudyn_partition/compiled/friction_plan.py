@@ -259,7 +259,7 @@ class FrictionPlan:
         frictional = np.array([law is not None for law in self.laws])
         rows, tangents = self.rows, self.tangents
         if self.rubbing is not None:
-            rows, tangents = rows._replace(numbers=rows.numbers.copy()), tangents.copy()
+            rows, tangents = rows.with_room(self.rubbing.contact), tangents.copy()
         return FlatFrictionRows(rows, begins[0], numbers, tangents, self.groups, F, begins[1], frictional)
 
     def state(self, values: Array, stored: Array) -> FrictionState:

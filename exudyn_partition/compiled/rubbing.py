@@ -60,6 +60,11 @@ class Rubbing(NamedTuple):
     n_fields: int
     numbers: Array
 
+    @property
+    def contact(self) -> list[int]:
+        """Their numbers."""
+        return [*self.surfaces.contact.tolist(), *(pair.contact for pair in self.pairs)]
+
 
 class RubbingState(NamedTuple):
     """What changes of them in a run; loops write to it. Rows are those of all contacts with friction.

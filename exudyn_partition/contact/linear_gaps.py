@@ -90,6 +90,14 @@ class FlatRows(NamedTuple):
             np.array([_CLEARLY * g.reach for g in frozen]),
         )
 
+    def with_room(self, contacts: Sequence[int]) -> FlatRows:
+        """The same with normals of some contacts in room of their own, as loops write to them; they are zero there."""
+        normals, sizes = self.normals.copy(), 3 * np.diff(self.starts)
+        ends = [*itertools.accumulate((int(sizes[j]) for j in contacts), initial=len(self.numbers))]
+        normals[[*contacts]] = ends[:-1]
+        room = np.zeros(ends[-1] - len(self.numbers))
+        return self._replace(numbers=np.concatenate([self.numbers, room]), normals=normals)
+
 
 def _starts(arrays: Sequence[Array]) -> Array:
     """Where each of some arrays begins in all of them together, and their end, (n + 1,)."""
