@@ -358,3 +358,8 @@ class FollowedPairs:
         if self._loops is not None and one is not None and one != self._held[number]:
             assert one._numba_type_ == self._pairs[0].compiled._numba_type_, "loops would read others as the first one"
             self._held[number], self._addresses[number] = one, self._loops.address(one)
+
+    def hold_all(self) -> None:
+        """Let loops find the present rows of all contacts."""
+        for number in range(len(self._pairs)):
+            self.hold(number)

@@ -225,8 +225,7 @@ class RubbingSteps:
 
     def hold(self) -> None:
         """Let loops find the present rows of all contacts of two bodies."""
-        for number in range(len(self.pairs)):
-            self._held.hold(number)
+        self._held.hold_all()
 
     def begin(self, start: Start) -> None:
         """Begin a run, or go back to its state."""
@@ -242,7 +241,7 @@ class RubbingSteps:
             state.along[:], state.growing[:first] = anchors.along, anchors.growing
         for number, pair in enumerate(self.pairs):
             pair.take_anchor(None if start.rubbing_pairs is None else start.rubbing_pairs[number].anchor)
-            self._held.hold(number)
+        self.hold()
 
     def anchors(self) -> Anchors:
         """Present anchors of contacts with rigid surfaces."""
@@ -302,9 +301,9 @@ class MovingSteps:
 
     def stand(self, m: Motion, v: Array, h: Array) -> None:
         """Let contacts of two bodies, and those that rub, be where the motion is; the next evaluation is elsewhere."""
-        for number, pair in enumerate(self._pairs):
+        for pair in self._pairs:
             pair.gaps_at(m.q, m.q, v, h)
-            self._held.hold(number)
+        self._held.hold_all()
         self.stand_rubbing(m, v)
 
     def stand_rubbing(self, m: Motion, v: Array) -> None:
@@ -342,9 +341,12 @@ class MovingSteps:
             self.place(number, m, v, h)
 
     def count_step(self) -> None:
-        """Count a step that loops have not made whole."""
+        """Count a step that loops have not made whole, and let them find the rows and anchors that it has found."""
         for pair in self._pairs:
             pair.count_step()
+        self._held.hold_all()
+        if self._rubbing is not None:
+            self._rubbing.hold()
 
     def watch_edges(self, values: Array, h: Array, lam: Array, friction: FrictionState | None, q: Array) -> None:
         """See `moving_kernels.watch_edges`."""
@@ -392,7 +394,7 @@ class MovingSteps:
             self._rubbing.take_anchors(start)
         for number, pair in enumerate(self._pairs):
             pair.take_anchor(None if start.pairs is None else start.pairs[number].anchor)
-            self._held.hold(number)
+        self._held.hold_all()
 
     def step(self, h: float) -> None:
         """Know that steps of a length h [s] follow."""

@@ -18,6 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::exudyn_partition.errors.Partiti
 R, CLOSE, END = 0.01, 1e-9, 20e-6
 SPIN = (2000.0, -1500.0, 1000.0)  # 0.05 rad in a run: flexibility is found several times
 AXES = ("normal", "xyz")
+BELOW = (-700.0, 400.0, 900.0)
 ASIDE = np.array([0.5, 0.0, -np.sqrt(0.75)])  # from the centre to a second patch
 
 
@@ -92,37 +93,48 @@ def rubs(*surfaces, friction=(0.2,), **options):
     return lambda m: thrown(m["xyz"], *surfaces, friction=friction, **options)
 
 
-def pair(body, *, frames=("floating", "floating"), along=0.2, gap=5e-7, mbs=None, aside=0.0, spin=SPIN, **options):
-    """Two marbles that meet, the upper one with a spin if its frame is floating."""
+def pair(
+    body, *, frames=("floating", "floating"), along=0.2, gap=5e-7, mbs=None, aside=0.0, spin=SPIN, below=None,
+    friction=None, **options,
+):  # fmt: skip
+    """Two marbles that meet, the upper one with a spin if its frame is floating, and the lower one with another."""
     mbs = exu.SystemContainer().AddSystem() if mbs is None else mbs
     motion = {"referencePosition": [aside, 0, 2 * R + gap], "initialVelocity": [along, 0.1, -1.0], "damping": 0.02}
     if frames[0] == "floating":
         motion["initialAngularVelocity"] = spin
     upper = ep.CreatePartitionBody(mbs, body, name="upper", frame=frames[0], **(motion | options))
-    lower = ep.CreatePartitionBody(mbs, body, name="lower", frame=frames[1], referencePosition=[aside, 0, 0])
-    contact = ep.CreatePartitionContact(mbs, upper, lower, slavePatch="south", masterPatch="north", name="pair")
+    turns = {} if below is None else {"initialAngularVelocity": below}
+    lower = ep.CreatePartitionBody(mbs, body, name="lower", frame=frames[1], referencePosition=[aside, 0, 0], **turns)
+    contact = ep.CreatePartitionContact(
+        mbs, upper, lower, slavePatch="south", masterPatch="north", name="pair", friction=friction
+    )
     mbs.Assemble()
     return mbs, [upper, lower], [contact]
 
 
-def row_of(body, frame, *, on=None):
-    """Three marbles in a row, of which the middle one has two contacts, and a plane under the last one."""
-    mbs = exu.SystemContainer().AddSystem()
-    spin = {"initialAngularVelocity": SPIN} if frame == "floating" else {}
+def row_of(body, *frames, friction=(None, None, None)):
+    """Three marbles in a row, of which the middle one has two contacts, and a plane under the last one.
+
+    The upper one spins if its frame is floating. If there is friction, all that float spin, so that contacts slip.
+    """
+    mbs, rough = exu.SystemContainer().AddSystem(), any(friction)
+    spins = [np.multiply(SPIN, (-1) ** i) if i == 2 or rough else None for i in range(3)]
     balls = [
         ep.CreatePartitionBody(
             mbs, body, name=str(i), frame=frame, damping=0.02, referencePosition=[0, 0, R + i * (2 * R + 2e-7)],
-            initialVelocity=[8.0 * (i == 2), 0, -0.5 * i], **(spin if i == 2 else {}),
+            initialVelocity=[8.0 * (i == 2), 0, -0.5 * (i + rough)],
+            **({} if frame == "inertial" or spin is None else {"initialAngularVelocity": spin}),
         )
-        for i in range(3)
+        for i, (frame, spin) in enumerate(zip(frames, spins, strict=True))
     ]  # fmt: skip
     contacts = [
         ep.CreatePartitionContact(
-            mbs, balls[i + 1], balls[i], slavePatch="south", masterPatch="north", name=f"pair {i}"
+            mbs, balls[i + 1], balls[i], slavePatch="south", masterPatch="north", name=f"pair {i}", friction=friction[i]
         )
         for i in range(2)
     ]
-    contacts.append(ep.CreatePartitionContact(mbs, balls[0], PLANE, slavePatch="south", name="plane"))
+    last = {"slavePatch": "south", "name": "plane", "friction": friction[2]}
+    contacts.append(ep.CreatePartitionContact(mbs, balls[0], PLANE, **last))
     mbs.Assemble()
     return mbs, balls, contacts
 
@@ -161,7 +173,22 @@ RUBS = {
     "rubs on a plane beside a sphere, inertial": rubs(HILL, SLOPE, friction=(None, 0.1), frame="inertial"),
     "rubs on a plane, load": rubs(PLANE, loaded=True),
 }
-SCENES = RUBS | {
+ROUGH = {
+    "two that rub": lambda m: pair(m["xyz"], friction=0.2, below=BELOW),
+    "two that rub fast": lambda m: pair(m["xyz"], friction=FALLS, below=BELOW, along=20.0),
+    "a floating one rubs on an inertial one": lambda m: pair(
+        m["xyz"], friction=FALLS, frames=("floating", "inertial"), gravity=[10.0, 0.0, -2e4]
+    ),
+    "an inertial one rubs on a floating one": lambda m: pair(
+        m["xyz"], friction=0.1, frames=("inertial", "floating"), along=3.0, below=BELOW
+    ),
+    "three that rub": lambda m: row_of(m["xyz"], *3 * ("floating",), friction=(0.2, FALLS, 0.1)),
+    "three of which two rub": lambda m: row_of(m["xyz"], *3 * ("floating",), friction=(None, 0.2, None)),
+    "three that rub in frames of both kinds": lambda m: row_of(
+        m["xyz"], "inertial", "inertial", "floating", friction=(0.1, 0.2, None)
+    ),
+}
+SCENES = RUBS | ROUGH | {
     "two that tumble": lambda m: pair(m["xyz"]),
     "two that tumble, normals": lambda m: pair(m["normal"], gravity=[10.0, 0.0, -2e4]),
     "a floating one on an inertial one": lambda m: pair(m["xyz"], frames=("floating", "inertial")),
@@ -169,8 +196,8 @@ SCENES = RUBS | {
     "far at first": lambda m: pair(m["xyz"], gap=8e-6),
     "a pair that slides": lambda m: pair(m["xyz"], frames=("inertial", "inertial"), along=20.0),
     "a pair that slides, normals": lambda m: pair(m["normal"], frames=("inertial", "inertial"), along=20.0),
-    "three that tumble": lambda m: row_of(m["xyz"], "floating"),
-    "three of which one slides": lambda m: row_of(m["normal"], "inertial"),
+    "three that tumble": lambda m: row_of(m["xyz"], *3 * ("floating",)),
+    "three of which one slides": lambda m: row_of(m["normal"], *3 * ("inertial",)),
     "a pair that slides, and friction": pair_and_friction,
     "plane": lambda m: thrown(m["normal"], PLANE, gravity=[10.0, 0.0, -2e4]),
     "plane, all directions": lambda m: thrown(m["xyz"], PLANE),
@@ -610,10 +637,4 @@ def test_what_cannot_vary(marbles):
 def test_what_is_refused(marbles):
     mbs, _, _ = thrown(marbles["normal"], PLANE, inertiaTerms=("gyroscopic",))
     with pytest.raises(CompiledRunError, match="body 'ball' leaves out inertia forces by inertiaTerms"):
-        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
-    mbs, [ball], _ = thrown(marbles["xyz"])
-    rests = ep.CreatePartitionBody(mbs, marbles["xyz"], name="rests", referencePosition=[0, 0, -R - 1e-6])
-    ep.CreatePartitionContact(mbs, ball, rests, slavePatch="south", masterPatch="north", name="pair", friction=0.2)
-    mbs.Assemble()
-    with pytest.raises(CompiledRunError, match="contact 'pair' has friction, and pairs of two bodies that follow"):
         ep.solve_dynamic(mbs, end_time=END, solver="compiled")
