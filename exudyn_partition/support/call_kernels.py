@@ -50,6 +50,8 @@ def put_in(function: F) -> F:
     def call(context: Any, builder: Any, kinds: tuple[Any, ...], values: list[Any]) -> Any:
         overload = cast(Any, function).overloads[kinds]
         context.add_linking_libs([overload.library])
+        # its code looks for functions too; where it was read from disk, numba does not hand on that it does
+        context.active_code_library._reload_init.update(overload.reload_init)
         return context.call_internal(builder, overload.fndesc, overload.signature, values)
 
     return _call(function, call)

@@ -95,3 +95,33 @@ def test_loops_that_call_each_other_are_compiled_once():
     np.testing.assert_allclose(loops.congruence(rows, F, False), rows @ F @ rows.T, rtol=1e-15)
     of_these = [kinds for kinds in loops.sparse_product.overloads if str(kinds[0]) == "array(float64, 2d, C)"]
     assert len({kinds[:2] for kinds in of_these}) == len(of_these) > 0
+
+
+KEPT = """
+from exudyn_partition.support.compiled import compiled, inlined, inner
+
+@inner
+def deep(x):
+    return x + 1.0
+
+@inlined
+def middle(x):
+    return 2.0 * deep(x)
+
+@compiled
+def outer(x, y):
+    return middle(x) + y
+"""
+
+
+def test_code_on_disk_finds_what_it_calls_through_code_that_was_on_disk(tmp_path):
+    """The second process reads `middle` from disk and compiles `outer` for other types, which the third one reads."""
+    if not compiled.compiles():
+        pytest.skip("numba is not there")
+    (tmp_path / "kept_kernels.py").write_text(KEPT)
+    paths = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": paths}
+    for y, found in (("1", "5.0"), ("1.0", "5.0"), ("1.0", "5.0")):
+        command = [sys.executable, "-c", f"from kept_kernels import outer; print(outer(1.0, {y}))"]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout.strip().splitlines()[-1] == found
