@@ -318,6 +318,7 @@ class FollowedPair:
         """Count a step of pairs that slide, and may be frozen again."""
         self._steps[0] += self.gaps.may_freeze and self.gaps.moving and len(self._slots) > 0
 
+
 def both_growing(growing: Array) -> Array:
     """`Gaps.growing` of two sides, (12,); zero if none grows."""
     return growing if len(growing) else np.zeros(12)

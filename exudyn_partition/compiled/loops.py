@@ -19,11 +19,11 @@ from ..contact.loops import evaluate_frozen, flat_contacts, rows_object
 from ..errors import ComplementarityError
 from ..support.arrays import Array
 from ..support.compiled import kernels
+from .followed_pairs import FollowedPairs
 from .frames_back import FramesBack, back_over_inertia, turn_back
 from .friction_plan import CHOICES, N_FRICTION, FlatFrictionRows, FrictionPlan, FrictionState
 from .friction_steps import FrictionSteps
 from .moving import Anchors, Following, MovingPlan, MovingState
-from .followed_pairs import FollowedPairs
 from .pair_rows import PairRows
 from .plain_moving import PlainBody, PlainMoving
 from .plain_rubbing import PlainRubbing

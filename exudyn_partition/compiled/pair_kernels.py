@@ -1,6 +1,6 @@
-"""Compiled steps of contacts of two bodies whose rows follow facets; `followed_pairs` searches, and does the same by NumPy.
+"""Compiled steps of contacts of two bodies whose rows follow facets; `followed_pairs` searches.
 
-Rows are followed by the loops of `surfaces`, as in Exudyn's runs. Where these cannot go on, `gaps_of_pair` says so, and
+`pair_rows` does the same by NumPy. Rows are followed by the loops of `surfaces`, as in Exudyn's runs. Where these cannot go on, `gaps_of_pair` says so, and
 `followed_pairs.FollowedPair` finds other rows.
 """
 

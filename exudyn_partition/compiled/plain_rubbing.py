@@ -1,4 +1,7 @@
-"""What `rubbing_kernels` does, by NumPy, and `rubbing_pairs` for two bodies, for those who have no numba and where compiled loops give up."""
+"""What `rubbing_kernels` does, by NumPy, for those who have no numba and where compiled loops give up.
+
+`rubbing_pairs` does so for two bodies.
+"""
 
 from __future__ import annotations
 

@@ -92,8 +92,8 @@ class Rubs(structref.StructRefProxy):
     """
 
     moving: MovingState
-    surfaces: Surfaces | None
-    pairs: Pairs | None
+    surfaces: Surfaces
+    pairs: Pairs
     groups: Array
     first_axis: Array
     same: Array

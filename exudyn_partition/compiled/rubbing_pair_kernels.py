@@ -20,8 +20,8 @@ from .body_kernels import gathered
 from .moving_kernels import products_of
 from .pair_kernels import (
     Pair,
-    PairSide,
     Pairs,
+    PairSide,
     flexibility_of,
     gaps_of_pair,
     growing,
@@ -171,7 +171,10 @@ def find_pair_flexibility(f: Friction, r: Rubs, one: Pair, s: int) -> None:
     j, g, m = one.contact, r.groups[s], r.n_fields
     top, first, end = f.rows.starts[f.groups[g]], f.rows.starts[j], f.rows.starts[j + 1]
     size, d = 3 * (f.rows.starts[f.groups[g + 1]] - top), 3 if f.frictional[j] else 1
-    own, fields = matrix_at(f.flexible, f.F_starts[g], size, size), matrix_at(r.numbers, r.fields[j], 3 * (end - first), m)
+    own, fields = (
+        matrix_at(f.flexible, f.F_starts[g], size, size),
+        matrix_at(r.numbers, r.fields[j], 3 * (end - first), m),
+    )
     for i in range(3 * (first - top), 3 * (end - top)):
         for k in range(3 * (first - top), 3 * (end - top)):
             own[i, k] = 0.0
@@ -334,7 +337,7 @@ def add_couple(one: Pair, pushes: Array, on_master: Array) -> None:
 
 @inner
 def solved(A: Array, b: Array) -> Array:
-    """x with A x = b, for a symmetric matrix A, (3, 3)."""
+    """Solution x of A x = b, for a symmetric matrix A, (3, 3)."""
     x, minors = np.zeros(3), np.empty((3, 3))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

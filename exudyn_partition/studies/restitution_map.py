@@ -51,8 +51,8 @@ def restitution_map(
     Impacts in which bodies hardly turn are run by compiled steps in frames that do not move, in a quarter of the time,
     where these hold the impact: without plastic flow, and as long as pairs of patches do not slide in contact. The
     others are run in floating frames: by compiled steps too, which equal Exudyn's, on a rigid plane, sphere or
-    cylinder, and on another body without friction; else by Exudyn. `info["compiled"]` of the map says which impacts
-    were run by compiled steps.
+    cylinder, and on another body; else by Exudyn. `info["compiled"]` of the map says which impacts were run by
+    compiled steps.
 
     Parameters
     ----------

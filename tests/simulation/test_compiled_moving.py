@@ -188,31 +188,35 @@ ROUGH = {
         m["xyz"], "inertial", "inertial", "floating", friction=(0.1, 0.2, None)
     ),
 }
-SCENES = RUBS | ROUGH | {
-    "two that tumble": lambda m: pair(m["xyz"]),
-    "two that tumble, normals": lambda m: pair(m["normal"], gravity=[10.0, 0.0, -2e4]),
-    "a floating one on an inertial one": lambda m: pair(m["xyz"], frames=("floating", "inertial")),
-    "an inertial one on a floating one": lambda m: pair(m["normal"], frames=("inertial", "floating"), along=3.0),
-    "far at first": lambda m: pair(m["xyz"], gap=8e-6),
-    "a pair that slides": lambda m: pair(m["xyz"], frames=("inertial", "inertial"), along=20.0),
-    "a pair that slides, normals": lambda m: pair(m["normal"], frames=("inertial", "inertial"), along=20.0),
-    "three that tumble": lambda m: row_of(m["xyz"], *3 * ("floating",)),
-    "three of which one slides": lambda m: row_of(m["normal"], *3 * ("inertial",)),
-    "a pair that slides, and friction": pair_and_friction,
-    "plane": lambda m: thrown(m["normal"], PLANE, gravity=[10.0, 0.0, -2e4]),
-    "plane, all directions": lambda m: thrown(m["xyz"], PLANE),
-    "plane, load": lambda m: thrown(m["xyz"], PLANE, loaded=True),
-    "sphere": lambda m: thrown(m["xyz"], HILL),
-    "cylinder": lambda m: thrown(m["normal"], ROLL),
-    "bore": lambda m: thrown(m["xyz"], BORE),
-    "without coupling": lambda m: thrown(m["xyz"], PLANE, inertiaTerms=("gyroscopic", "coriolis", "centrifugal")),
-    "two planes": lambda m: thrown(m["xyz"], PLANE, SLOPE),
-    "two planes, normals": lambda m: thrown(m["normal"], PLANE, SLOPE),
-    "inertial, sphere": lambda m: thrown(m["xyz"], HILL, frame="inertial"),
-    "inertial, bore and plane": lambda m: thrown(m["normal"], BORE, SLOPE, frame="inertial"),
-    "beside frozen pairs": beside,
-    "beside friction": beside_friction,
-}
+SCENES = (
+    RUBS
+    | ROUGH
+    | {
+        "two that tumble": lambda m: pair(m["xyz"]),
+        "two that tumble, normals": lambda m: pair(m["normal"], gravity=[10.0, 0.0, -2e4]),
+        "a floating one on an inertial one": lambda m: pair(m["xyz"], frames=("floating", "inertial")),
+        "an inertial one on a floating one": lambda m: pair(m["normal"], frames=("inertial", "floating"), along=3.0),
+        "far at first": lambda m: pair(m["xyz"], gap=8e-6),
+        "a pair that slides": lambda m: pair(m["xyz"], frames=("inertial", "inertial"), along=20.0),
+        "a pair that slides, normals": lambda m: pair(m["normal"], frames=("inertial", "inertial"), along=20.0),
+        "three that tumble": lambda m: row_of(m["xyz"], *3 * ("floating",)),
+        "three of which one slides": lambda m: row_of(m["normal"], *3 * ("inertial",)),
+        "a pair that slides, and friction": pair_and_friction,
+        "plane": lambda m: thrown(m["normal"], PLANE, gravity=[10.0, 0.0, -2e4]),
+        "plane, all directions": lambda m: thrown(m["xyz"], PLANE),
+        "plane, load": lambda m: thrown(m["xyz"], PLANE, loaded=True),
+        "sphere": lambda m: thrown(m["xyz"], HILL),
+        "cylinder": lambda m: thrown(m["normal"], ROLL),
+        "bore": lambda m: thrown(m["xyz"], BORE),
+        "without coupling": lambda m: thrown(m["xyz"], PLANE, inertiaTerms=("gyroscopic", "coriolis", "centrifugal")),
+        "two planes": lambda m: thrown(m["xyz"], PLANE, SLOPE),
+        "two planes, normals": lambda m: thrown(m["normal"], PLANE, SLOPE),
+        "inertial, sphere": lambda m: thrown(m["xyz"], HILL, frame="inertial"),
+        "inertial, bore and plane": lambda m: thrown(m["normal"], BORE, SLOPE, frame="inertial"),
+        "beside frozen pairs": beside,
+        "beside friction": beside_friction,
+    }
+)
 
 
 def assert_same(right, found, bodies, contacts):
@@ -275,6 +279,9 @@ NUMPY = (
     "beside friction",
     "two that tumble",
     "a pair that slides, normals",
+    "two that rub",
+    "a floating one rubs on an inertial one",
+    "three of which two rub",
 )
 
 
@@ -351,16 +358,27 @@ def test_adaptive_steps_of_friction_beside_what_moves(marbles):
 
 
 @pytest.mark.parametrize(("first", "later"), [("compiled", "exudyn"), ("exudyn", "compiled"), ("compiled", "compiled")])
-@pytest.mark.parametrize("scene", ["rubs on a sphere", "rubs on two planes", "rubs on a sphere and a plane, inertial"])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        "rubs on a sphere",
+        "rubs on two planes",
+        "rubs on a sphere and a plane, inertial",
+        "two that rub",
+        "three that rub",
+    ],
+)
 def test_rows_that_rub_go_on(marbles, scene, first, later, tmp_path):
     """Their forces turn with the body; in the same model, and from a file in another one."""
-    options, make = {"step": 0.15e-6}, RUBS[scene]
-    mbs, _, [contact, *_] = make(marbles)
-    whole = ep.solve_dynamic(mbs, end_time=24e-6, **options)
+    options, make, number = {"step": 0.15e-6}, SCENES[scene], int(scene == "three that rub")
+    mbs, _, some = make(marbles)
+    contact, whole = some[number], ep.solve_dynamic(mbs, end_time=24e-6, **options)
     force, work, along = contact.force(whole), contact.friction.work(whole), contact.friction.tangential_force(whole)
-    mbs, _, [contact, *_] = make(marbles)
+    mbs, _, some = make(marbles)
+    contact = some[number]
     ep.solve_dynamic(mbs, end_time=12e-6, solver=first, **options).save(tmp_path / "cut.npz")
-    fresh, _, [again, *_] = make(marbles)
+    fresh, _, others = make(marbles)
+    again = others[number]
     cut = ep.Result.load(tmp_path / "cut.npz", fresh)
     for model, one, goes_on in ((mbs, contact, True), (fresh, again, cut)):
         result = ep.solve_dynamic(model, end_time=24e-6, solver=later, go_on=goes_on, **options)
@@ -372,9 +390,9 @@ def test_rows_that_rub_go_on(marbles, scene, first, later, tmp_path):
             np.testing.assert_allclose(values, right[-len(values) :], rtol=0, atol=CLOSE * abs(right).max())
 
 
-@pytest.mark.parametrize("scene", ["rubs on a sphere", "rubs in a bore, inertial"])
+@pytest.mark.parametrize("scene", ["rubs on a sphere", "rubs in a bore, inertial", "two that rub"])
 def test_adaptive_steps_of_rows_that_rub(marbles, scene):
-    mbs, _, [contact] = RUBS[scene](marbles)
+    mbs, _, [contact] = SCENES[scene](marbles)
     right, found = (ep.solve_dynamic(mbs, end_time=30e-6, adaptive=True, solver=s) for s in ("exudyn", "compiled"))
     np.testing.assert_allclose(found.t, right.t, rtol=1e-7)
     for values in (contact.force, contact.friction.tangential_force, contact.friction.work):
@@ -408,6 +426,33 @@ def test_rows_that_rub_have_the_bits_of_single_runs(marbles, scene):
     force, work = same.force(result), same.friction.work(result)[-1]
     np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=CLOSE * force.max())
     assert runs.dissipated[0, 0] == pytest.approx(work, rel=1e-8)
+
+
+def test_pairs_that_rub_have_the_bits_of_single_runs(marbles):
+    """Whatever ran before, in any number of threads; and the forces of Exudyn's run. The first entry is the model."""
+    mbs, [upper, lower], [contact] = SCENES["two that rub"](marbles)
+    vary = {
+        upper: {
+            "initialVelocity": np.array([[0.2, 0.1, -1.0], [10.0, 0, -1.0], [0.0, 0.2, -1.5]]),
+            "initialAngularVelocity": np.array([SPIN, [0.0, 0, 0], [3e3, 0, 0]]),
+            "referencePosition": np.array([[0, 0, 2 * R + 5e-7], [1e-5, 0, 2 * R + 3e-7], [0, 2e-5, 2 * R + 4e-7]]),
+        },
+        contact: {"friction": np.array([0.2, 0.1, 0.3])},
+    }
+    options = {"end_time": END, "step": 0.1e-6, "histories": ("force", "coordinates")}
+    runs = ep.run_many(mbs, vary=vary, workers=2, **options)
+    assert not runs.failures
+    for entry in range(3):
+        of_one = {item: {k: v[entry : entry + 1] for k, v in of_item.items()} for item, of_item in vary.items()}
+        alone = ep.run_many(mbs, vary=of_one, **options)
+        for name in ("force", "q", "q_t", "peak", "dissipated", "energy", "momentum"):
+            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(runs, name)[entry])
+    result = ep.solve_dynamic(mbs, end_time=END, step=0.1e-6)
+    force, work = contact.force(result), contact.friction.work(result)[-1]
+    np.testing.assert_allclose(runs.force[0, 0], force, rtol=0, atol=CLOSE * force.max())
+    assert runs.dissipated[0, 0] == pytest.approx(work, rel=1e-8)
+    with pytest.raises(InputError, match="E of body 'lower'"):
+        ep.run_many(mbs, vary={lower: {"E": [2e11]}}, **options)
 
 
 def test_a_softer_body_that_rubs(marbles):
