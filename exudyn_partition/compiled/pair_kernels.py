@@ -1,7 +1,7 @@
 """Compiled steps of contacts of two bodies whose rows follow facets; `followed_pairs` searches.
 
-`pair_rows` does the same by NumPy. Rows are followed by the loops of `surfaces`, as in Exudyn's runs. Where these cannot go on, `gaps_of_pair` says so, and
-`followed_pairs.FollowedPair` finds other rows.
+`pair_rows` does the same by NumPy. Rows are followed by the loops of `surfaces`, as in Exudyn's runs. Where these
+cannot go on, `gaps_of_pair` says so, and `followed_pairs.FollowedPair` finds other rows.
 """
 
 from __future__ import annotations
