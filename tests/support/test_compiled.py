@@ -119,9 +119,8 @@ def test_code_on_disk_finds_what_it_calls_through_code_that_was_on_disk(tmp_path
     if not compiled.compiles():
         pytest.skip("numba is not there")
     (tmp_path / "kept_kernels.py").write_text(KEPT)
-    paths = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": paths}
+    options = {"cwd": tmp_path, "env": os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}}
     for y, found in (("1", "5.0"), ("1.0", "5.0"), ("1.0", "5.0")):
         command = [sys.executable, "-c", f"from kept_kernels import outer; print(outer(1.0, {y}))"]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        done = subprocess.run(command, **options, capture_output=True, text=True, check=True)
         assert done.stdout.strip().splitlines()[-1] == found
