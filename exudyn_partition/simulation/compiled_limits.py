@@ -18,6 +18,7 @@ from ..frames.inertia_forces import TERMS
 from ..support.foreign import ItemEntry, MainSystem
 
 MOST_ROWS = 700  # of contacts with friction that are solved together: their matrices take 100 MB
+_TOUCHES = 1e-6  # of a facet's size: bodies that turn and rub must be further apart at first
 
 
 def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
@@ -106,7 +107,7 @@ def _reasons_by_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
     elif not gaps.may_freeze and has_friction(contact.group) and isinstance(gaps, PatchGaps):
         if len(contact.group) > 1:
             yield f"{named} is of bodies that turn, and solved together with other contacts of which some have friction"
-        elif gaps.clearance <= 0.0:
+        elif gaps.clearance <= _TOUCHES * gaps.size:
             yield f"{named} has friction, is of bodies that turn, and touches where these are placed"
 
 
