@@ -687,6 +687,3 @@ def test_what_is_refused(marbles):
     mbs, _, _ = row_of(marbles["xyz"], *3 * ("floating",), friction=(0.2, FALLS, 0.1))
     with pytest.raises(CompiledRunError, match="contact 'pair 0' is of bodies that turn, and solved together with"):
         ep.solve_dynamic(mbs, end_time=END, solver="compiled")
-    mbs, _, _ = pair(marbles["xyz"], friction=0.2, gap=-8.8199e-7)  # facets just meet
-    with pytest.raises(CompiledRunError, match="contact 'pair' has friction, is of bodies that turn, and touches"):
-        ep.solve_dynamic(mbs, end_time=END, solver="compiled")
