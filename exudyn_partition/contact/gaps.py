@@ -227,6 +227,11 @@ class Gaps:
             self.growing = state.growing
         self.accept(state)
 
+    def begin_grown(self) -> None:
+        """Let the step begin with sides that are grown where they are placed, as `grow` has said."""
+        self.return_to(Present(self.stage, self.present.q, None, self.anchor, self.growing))
+        self.accept(replace(self.accepted, anchor=self.anchor, growing=self.growing))
+
     def accept(self, state: GapState) -> None:
         """Let the next step begin from a state: `after`, if the last one has ended here."""
         self.accepted = state

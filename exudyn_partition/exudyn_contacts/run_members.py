@@ -18,6 +18,7 @@ from ..exudyn_bodies.model import dofs_of
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array, as_slice
 from ..support.foreign import MainSystem
+from ..support.optional import require
 from .central_differences import MultiplierStep
 from .contact_group import groups_of
 from .contact_run import ContactRun
@@ -100,7 +101,16 @@ class RunMembers:
         for served in () if state is None else state.steppers:
             if (key := (served.joints is not None, served.numbers)) in steppers:
                 steppers[key].begin(served, t)
-        return cls([*contacts], runs, groups, steppers, floating, tuple(_growing(contacts, runs, floating)))
+        members = cls([*contacts], runs, groups, steppers, floating, tuple(_growing(contacts, runs, floating)))
+        if state is None and method != "static":
+            members._begin_grown(mbs.systemData.GetODE2Coordinates_t(require("exudyn").ConfigurationType.Initial))
+        return members
+
+    def _begin_grown(self, q_t: Array) -> None:
+        """Let bodies be grown already where the run begins, so that rows do not slide by that in the first step."""
+        self.grow(q_t)
+        for gaps, _ in self.growing:
+            gaps.begin_grown()
 
 
 def number_of(contact: ModelContact) -> int:

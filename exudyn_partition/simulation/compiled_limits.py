@@ -8,7 +8,6 @@ from ..compiled.moving import can_follow, rows_of
 from ..contact.formulations.choices import Compliance
 from ..contact.formulations.coupled import SharedPatches
 from ..contact.formulations.coupled_friction import SharedFriction
-from ..contact.patch_gaps import PatchGaps
 from ..errors import CompiledRunError
 from ..exudyn_bodies.model import registered, user_function
 from ..exudyn_bodies.partition_body import PartitionBody
@@ -18,7 +17,6 @@ from ..frames.inertia_forces import TERMS
 from ..support.foreign import ItemEntry, MainSystem
 
 MOST_ROWS = 700  # of contacts with friction that are solved together: their matrices take 100 MB
-_TOUCHES = 1e-6  # of a facet's size: bodies that turn and rub must be further apart at first
 
 
 def check_held(mbs: MainSystem, options: Sequence[str] = ()) -> None:
@@ -104,11 +102,6 @@ def _reasons_by_pairs(named: str, contact: PartitionContact) -> Iterator[str]:
             f"{named} has pairs that follow the motion: of a RigidMesh, of Partition.surface on a rigid surface, or of "
             "large skins"
         )
-    elif not gaps.may_freeze and has_friction(contact.group) and isinstance(gaps, PatchGaps):
-        if len(contact.group) > 1:
-            yield f"{named} is of bodies that turn, and solved together with other contacts of which some have friction"
-        elif gaps.clearance <= _TOUCHES * gaps.size:
-            yield f"{named} has friction, is of bodies that turn, and touches where these are placed"
 
 
 def _reasons_by_items(
