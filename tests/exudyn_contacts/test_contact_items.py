@@ -414,3 +414,24 @@ def test_a_contact_that_never_faces_says_so(round_body):
     mbs.Assemble()
     with pytest.warns(ContactPatchWarning, match="'ceiling' never closed, and at the start .* did not face"):
         ep.solve_dynamic(mbs, end_time=1e-5, step=1e-6)
+
+
+def test_growth_by_a_spin_at_the_start_is_no_sliding(round_body):
+    """A ball that touches in its first step has the force of one that has flown for a step; its pole hardly slides."""
+    step, speed = 1e-7, 6.0
+
+    def tangential(flies):
+        mbs = exu.SystemContainer().AddSystem()
+        ball = ep.CreatePartitionBody(
+            mbs, round_body, frame="floating", referencePosition=[0, 0, 1e-8 + flies * speed * step],
+            initialVelocity=[20.0, 0, -speed], initialAngularVelocity=[0, 2000, 2000],
+        )  # fmt: skip
+        contact = ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), friction=5.0)
+        mbs.Assemble()
+        result = ep.solve_dynamic(mbs, end_time=4e-7, step=step)
+        return contact.friction.tangential_force(result)[1 + flies], contact.force(result)[1 + flies]
+
+    (at_once, force), (later, other) = tangential(0), tangential(1)
+    assert force > 0.0
+    assert force == pytest.approx(other, rel=0.05)
+    np.testing.assert_allclose(at_once, later, rtol=0, atol=0.1 * np.linalg.norm(later))
