@@ -464,7 +464,8 @@ def nearest(places: Array, points: Array, count: int) -> Array:
     """Numbers of the places nearest to each point, (k, count), in ascending distance; -1 if there are none."""
     found, distances = np.full((len(points), count), -1), np.empty(count)
     for i in range(len(points)):
-        distances[:] = np.inf
+        for j in range(count):
+            distances[j] = np.inf
         for f in range(len(places)):
             x, y, z = points[i, 0] - places[f, 0], points[i, 1] - places[f, 1], points[i, 2] - places[f, 2]
             distance, j = x * x + y * y + z * z, count
