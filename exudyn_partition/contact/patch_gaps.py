@@ -294,8 +294,8 @@ class PatchGaps(Gaps):
     def gaps_of_all(self, q: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
         """Nodes and gaps [m] of all rows that face the master, (nr,) each, at coordinates q, (n,).
 
-        The nodes of each side are moved by ways, (np, 3) [m], in the body's axes. It looks at the near parts of patches
-        over which contact wanders, where these were at the last evaluation.
+        The nodes of each side are moved by ways, (np, 3) [m], in the body's axes. Where contact wanders over a patch,
+        only its near part is looked at.
         """
         rows, _ = self.project(*self.dented(self.sides, q, ways))
         return rows.points.row_nodes, rows.gap

@@ -35,6 +35,11 @@ class Sides(tuple[Side, ...]):
         """Whether places of all sides are linear in the coordinates, so that increments add up."""
         return all(side.kinematics.linear for side in self)
 
+    @FoundOnce
+    def on_demand(self) -> bool:
+        """Whether the flexibility of a side is found on demand."""
+        return any(side.on_demand for side in self)
+
     def split(self, q: Array) -> list[Array]:
         """Split q, (n,), into the coordinates of each side."""
         n = self[0].n

@@ -173,6 +173,11 @@ class WanderingGaps(PatchGaps):
         projection = closest_met(places, normals, master)
         return float(projection.gap[facing(projection, normals, self.size)].min(initial=np.inf))
 
+    def gaps_of_all(self, q: Array, ways: Sequence[Array]) -> tuple[Array, Array]:
+        """See `PatchGaps.gaps_of_all`."""
+        self._part_if_moved(q)
+        return super().gaps_of_all(q, ways)
+
     def _distance(self, x_s: Array, x_m: Array) -> float:
         return self._near_parts(self.present.q).least if self._apart_by_far else self.project(x_s, x_m)[1]
 

@@ -439,6 +439,45 @@ def closest_on(
     return r, s
 
 
+@inlined
+def enclose(c: Array, f: int, domain: Array, ball: Array) -> None:
+    """Set a ball around a facet, (4,): its centre, and its radius by the linear part and the sum of all others."""
+    n, radius = len(domain), 0.0
+    for axis in range(3):
+        ball[axis] = c[f, 0, axis]
+        for i in range(n):
+            ball[axis] += (domain[i, 0] * c[f, 1, axis] + domain[i, 1] * c[f, 2, axis]) / n
+    for i in range(n):
+        squared = 0.0
+        for axis in range(3):
+            arm = c[f, 0, axis] + domain[i, 0] * c[f, 1, axis] + domain[i, 1] * c[f, 2, axis] - ball[axis]
+            squared += arm * arm
+        radius = max(radius, math.sqrt(squared))
+    for term in range(3, c.shape[1]):
+        bent = c[f, term, 0], c[f, term, 1], c[f, term, 2]
+        radius += math.sqrt(dot(bent, bent))
+    ball[3] = radius
+
+
+@compiled
+def nearest(places: Array, points: Array, count: int) -> Array:
+    """Numbers of the places nearest to each point, (k, count), in ascending distance; -1 if there are none."""
+    found, distances = np.full((len(points), count), -1), np.empty(count)
+    for i in range(len(points)):
+        for j in range(count):
+            distances[j] = np.inf
+        for f in range(len(places)):
+            x, y, z = points[i, 0] - places[f, 0], points[i, 1] - places[f, 1], points[i, 2] - places[f, 2]
+            distance, j = x * x + y * y + z * z, count
+            while j > 0 and distance < distances[j - 1]:
+                if j < count:
+                    distances[j], found[i, j] = distances[j - 1], found[i, j - 1]
+                j -= 1
+            if j < count:
+                distances[j], found[i, j] = distance, f
+    return found
+
+
 @compiled
 def closest(
     points: Array, facets: Array, nearest: Array, domain: Array, table: Array,
@@ -458,16 +497,24 @@ def closest(
         for j in range(n):
             nodes[f, j] = f * n + j
     expand(nearest.reshape(nearest.size), nodes, facets.reshape(nf * n, 3), table, known, c)
+    balls = np.empty((nf, 4))
+    for f in range(nf):
+        if known[f]:
+            enclose(c, f, domain, balls[f])
     for i in range(k):
-        point = points[i, 0], points[i, 1], points[i, 2]
+        point, least = (points[i, 0], points[i, 1], points[i, 2]), np.inf
         for j in range(nearest.shape[1]):
             f = nearest[i, j]
+            x, y, z = point[0] - balls[f, 0], point[1] - balls[f, 1], point[2] - balls[f, 2]
+            beyond = math.sqrt(x * x + y * y + z * z) - balls[f, 3]
+            distances[j] = np.inf
+            if beyond > 0.0 and beyond * beyond > least:
+                continue  # the whole facet is further away than another one
             r, s = closest_on(c, f, point, domain, steps, converged, convex, cubic)
             miss = place_on(c, f, r, s, point, cubic)[2]
             places[j, 0], places[j, 1], distances[j] = r, s, dot(miss, miss)
-        best, least = -1, np.inf
-        for j in range(len(distances)):
             least = min(least, distances[j] * (1 + same))
+        best = -1
         for j in range(len(distances)):
             if distances[j] <= least and (best < 0 or nearest[i, j] < nearest[i, best]):
                 best = j

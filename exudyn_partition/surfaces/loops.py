@@ -81,6 +81,14 @@ def on_nodes(nodes: Array, weights: Array, forces: Array, n: int) -> Array:
     return result
 
 
+def nearest(places: Array, points: Array, count: int) -> Array | None:
+    """Numbers of the places nearest to each point, (k, count), -1 if there are none; None without compiled loops."""
+    if compiled := kernels("surfaces"):
+        found: Array = compiled.nearest(plain(places), plain(points), count)
+        return found
+    return None
+
+
 def closest(points: Array, facets: Array, nearest: Array) -> Projection:
     """Project points, (k, 3) [m], on the closest of some facets each.
 

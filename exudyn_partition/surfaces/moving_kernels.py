@@ -259,9 +259,11 @@ define_struct(Followed, FollowedType, [*Followed.__annotations__])
 
 
 @compiled
-def followed(*fields: Array) -> Followed:
-    """Make one of its fields; unlike its own constructor, this is kept on disk."""
-    return Followed(*fields)  # type: ignore[no-untyped-call]
+def followed(
+    points: Moving, some: Array, others: Array, searched_at: Array, gap: Array, rigidly: Array, pose: Array
+) -> Followed:
+    """Make one of its fields; unlike its own constructor, this is kept on disk. One tuple of them would take longer."""
+    return Followed(points, some, others, searched_at, gap, rigidly, pose)  # type: ignore[no-untyped-call]
 
 
 @inlined

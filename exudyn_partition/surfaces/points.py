@@ -119,16 +119,20 @@ class ContactPoints:
 
     def of_rows(self, rows: Array) -> tuple[ContactPoints, Array]:
         """Return some rows, an index, with their points; the second value is the numbers of these points."""
-        mean = self.mean[rows]
-        points, column = np.unique(mean.indices, return_inverse=True)
-        points = points.astype(np.int64)
+        mean, numbers = self.mean, np.arange(len(self.area))[rows]  # by its arrays, as in `restricted`
+        starts = np.concatenate([[0], np.cumsum(np.diff(mean.indptr)[numbers])])
+        entries = np.arange(starts[-1]) + np.repeat(mean.indptr[numbers] - starts[:-1], np.diff(starts))
+        used = np.zeros(len(self.nodes), dtype=bool)
+        used[mean.indices[entries]] = True
+        points, number = np.flatnonzero(used), np.cumsum(used) - 1
+        values = mean.data[entries], number[mean.indices[entries]], starts
         kept = replace(
             self,
             nodes=self.nodes[points],
             weights=self.weights[points],
-            mean=sp.csr_matrix((mean.data, column, mean.indptr), shape=(mean.shape[0], len(points))),
-            row_nodes=self.row_nodes[rows],
-            area=self.area[rows],
+            mean=sp.csr_matrix(values, shape=(len(numbers), len(points))),
+            row_nodes=self.row_nodes[numbers],
+            area=self.area[numbers],
         )
         return kept, points
 

@@ -20,6 +20,8 @@ from .holders import Others
 from .projection import Projection
 
 _CANDIDATES = 8  # facets that are tried for each point, nearest centroids first
+_FEW = 300  # places up to which each of them is asked for its distance; a tree of more is quicker
+_NOT_FINITE = "the places of the patches are not finite: the run has become unstable"
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +180,17 @@ def nearest_places(tree: cKDTree, points: Array, count: int = 1) -> Array:
         distance, found = tree.query(points, k=count)
         if math.isfinite(distance.sum()):
             return np.asarray(found).reshape(len(points), count)
-    raise ComplementarityError("the places of the patches are not finite: the run has become unstable")
+    raise ComplementarityError(_NOT_FINITE)
+
+
+def _nearest_of(places: Array, points: Array, count: int) -> Array:
+    """Do the same with places, (n, 3), that are not in a tree: to ask each of a few is quicker."""
+    found = loops.nearest(places, points, count) if len(places) <= _FEW else None
+    if found is None:
+        return nearest_places(cKDTree(places), points, count)
+    if found.min(initial=0) < 0:
+        raise ComplementarityError(_NOT_FINITE)
+    return found
 
 
 def closest_points(points: Array, facets: Array) -> Projection:
@@ -205,5 +217,4 @@ def closest_points(points: Array, facets: Array) -> Projection:
     centre = facets.mean(axis=(0, 1))
     points, facets = points - centre, facets - centre  # reduces round-off
     candidates = min(_CANDIDATES, len(facets))
-    nearest = nearest_places(cKDTree(facet_corners(facets).mean(axis=1)), points, candidates)
-    return loops.closest(points, facets, nearest)
+    return loops.closest(points, facets, _nearest_of(facet_corners(facets).mean(axis=1), points, candidates))

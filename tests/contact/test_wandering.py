@@ -90,6 +90,20 @@ def test_rows_within_a_thin_elastic_wall_are_those_of_its_face_alone(round_body)
     np.testing.assert_allclose(found[4:], found[:4], rtol=1e-6)
 
 
+def test_gaps_of_all_rows_need_no_evaluation_before(rim, face):
+    """Rows of the parts that are near in this pose, and their gaps, wherever the disc was evaluated before."""
+    gaps = WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face))
+    for angle, x in ((0.0, 0.0), (0.8, -0.8 * R)):
+        q = np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)]
+        ways = [np.zeros((len(side.surface.points), 3)) for side in gaps.sides]
+        evaluated = gaps.fresh()
+        evaluated.at(q)
+        (nodes, gap), (known, right) = gaps.gaps_of_all(q, ways), evaluated.gaps_of_all(q, ways)
+        assert gap.min() < -0.5 * DEEP
+        np.testing.assert_array_equal(nodes, known)
+        np.testing.assert_allclose(gap, right, rtol=0, atol=1e-15)
+
+
 @pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])
 def test_rows_that_slide_deep_in_a_thin_wall_stay_on_its_face(round_body, kind):

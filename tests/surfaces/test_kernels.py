@@ -120,5 +120,18 @@ def test_means_of_rows_and_forces_on_nodes_are_equal(kind):
     assert np.sum(points.average(values) * forces) == pytest.approx(np.sum(values * points.spread(forces)))
 
 
+@pytest.mark.parametrize("chosen", [[], [2], [1, 3, 6], [6, 1]])
+def test_some_rows_are_means_of_their_own_points(chosen):
+    """With all that belongs to them; points of other rows alone are left out."""
+    points, _ = cloud(24)
+    rows = np.array(chosen, dtype=np.int64)
+    some, numbers = points.of_rows(rows)
+    values = np.random.default_rng(5).normal(size=(24, 3))
+    np.testing.assert_allclose(some.mean @ values[numbers], (points.mean @ values)[rows], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(numbers, np.flatnonzero(points.mean.toarray()[rows].any(axis=0)))
+    np.testing.assert_array_equal(some.nodes, points.nodes[numbers])
+    np.testing.assert_array_equal(some.area, points.area[rows])
+
+
 def carried(points, values):
     return on_nodes(points.nodes, points.weights, values, 1 + points.nodes.max())

@@ -44,7 +44,16 @@ def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
 def _not_followed(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
     contact, closed = history.contact, np.flatnonzero(history.force)
     samples = np.unique(np.append(closed[evenly(len(closed), _SAMPLES)], history.force.argmax()))
-    depths = np.array([_depth_without_row(run, history, int(sample)) for sample in samples])
+    try:
+        pushed = _forces_beside(run, contact, samples)
+    except InputError:  # forces on nodes are not known
+        return
+    depths = np.array(
+        [
+            _depth_without_row(run, history, int(sample), {patch: forces[k] for patch, forces in pushed.items()})
+            for k, sample in enumerate(samples)
+        ]
+    )
     worst = int((depths / np.maximum(history.pressed[samples], 1e-300)).argmax())
     depth, sample = depths[worst], samples[worst]
     if depth > _DEEP * history.pressed[sample] > 0.0:
@@ -57,43 +66,45 @@ def _not_followed(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding
         )
 
 
-def _depth_without_row(run: ReviewedRun, history: ContactHistory, sample: int) -> float:
-    """Largest depth of a row without a force at a sample [m], with all nodes where forces move them."""
+def _forces_beside(
+    run: ReviewedRun, contact: PartitionContact, samples: Array
+) -> dict[tuple[PartitionBody, int], Array]:
+    """Forces of all contacts of a contact's bodies at some samples, (k,) int, on the nodes of each patch.
+
+    They are (k, np, 3) each [N], in the body's axes.
+    """
+    pushed = dict[tuple[PartitionBody, int], Array]()
+    bodies = {item for item, _ in contact.sides}
+    beside = [member for member in contact.group if not bodies.isdisjoint(item for item, _ in member.sides)]
+    for member, on_sides in zip(beside, forces_in_group(beside, run.result.at(run.result.t[samples])), strict=True):
+        parts = zip(member.sides, member.mechanics.gaps.sides, on_sides, strict=False)
+        for (item, patch), side, forces in parts:
+            at_samples = zip(run.body(item).q[samples], forces, strict=True)
+            on_body = np.array([side.kinematics.in_frame(q, now) for q, now in at_samples])
+            pushed[item, patch] = pushed.get((item, patch), 0.0) + on_body
+    return pushed
+
+
+def _depth_without_row(
+    run: ReviewedRun, history: ContactHistory, sample: int, pushed: dict[tuple[PartitionBody, int], Array]
+) -> float:
+    """Largest depth of a row without a force at a sample [m], with all nodes where forces `pushed` move them.
+
+    They move by residual flexibility, which is not among the coordinates.
+    """
     contact = history.contact
     q = np.concatenate([run.body(item).q[sample] for item, _ in contact.sides])
     gaps = contact.mechanics.gaps.fresh()
     assert isinstance(gaps, PatchGaps)
     gaps.grow(growing_at(contact.sides, run.result)(sample))
-    gaps.at(q)
-    if not gaps.moving:  # then all rows are present
-        return 0.0
-    try:
-        ways = _displacements(run, contact, sample)
-    except InputError:  # forces on nodes are not known
-        return 0.0
-    nodes, gap = gaps.gaps_of_all(q, ways)
+    if gaps.may_freeze:
+        gaps.at(q)
+        if not gaps.moving:  # then all rows are present
+            return 0.0
+    parts = zip(contact.sides, gaps.sides, strict=True)
+    nodes, gap = gaps.gaps_of_all(q, [_moved(item, patch, side, pushed) for (item, patch), side in parts])
     closed, forces = history.rows.at_sample(sample)
     return -float(gap[~np.isin(nodes, closed[forces > 0.0])].min(initial=0.0))
-
-
-def _displacements(run: ReviewedRun, contact: PartitionContact, sample: int) -> list[Array]:
-    """Ways of the nodes of each side by the forces of all contacts of its bodies, (np, 3) each [m], in the body's axes.
-
-    These are the ways by residual flexibility, which are not among the coordinates.
-    """
-    pushed = dict[tuple[PartitionBody, int], Array]()
-    now = run.result.at(run.result.t[sample : sample + 1])
-    bodies = {item for item, _ in contact.sides}
-    beside = [member for member in contact.group if not bodies.isdisjoint(item for item, _ in member.sides)]
-    for member, on_sides in zip(beside, forces_in_group(beside, now), strict=True):
-        parts = zip(member.sides, member.mechanics.gaps.sides, on_sides, strict=False)
-        for (item, patch), side, forces in parts:
-            on_body = side.kinematics.in_frame(run.body(item).q[sample], forces[0])
-            pushed[item, patch] = pushed.get((item, patch), 0.0) + on_body
-    return [
-        _moved(item, patch, side, pushed)
-        for (item, patch), side in zip(contact.sides, contact.mechanics.gaps.sides, strict=True)
-    ]
 
 
 def _moved(item: PartitionBody, patch: int, side: Side, pushed: dict[tuple[PartitionBody, int], Array]) -> Array:
