@@ -312,7 +312,7 @@ class PatchContact:
         if law.elastic and (forces.power or forces.taken):
             raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
         remembered = None if forces.memory is None else np.shape(forces.memory)
-        if remembered != ((n, law.memory) if law.memory else None):
+        if (law.memory or remembered) and remembered != (n, law.memory):
             raise InputError(
                 f"law {name}: expected a memory of shape {(n, law.memory)}, rows by the values that `memory` of the "
                 f"law says, got {remembered}"

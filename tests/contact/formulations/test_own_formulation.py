@@ -261,9 +261,7 @@ def test_slopes_that_are_no_functions_are_named(round_body, flat_body):
     contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Odds())
     answer = contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
     for name, slope in (("stiffness", answer.row_stiffness), ("damping", answer.damping)):
-        with pytest.raises(
-            InputError, match=f"law Odd: expected a function .* `{name}`, got ndarray"
-        ):
+        with pytest.raises(InputError, match=f"law Odd: expected a function .* `{name}`, got ndarray"):
             slope()
 
 
