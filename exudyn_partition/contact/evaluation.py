@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -207,15 +208,20 @@ class Evaluation(RowForces):
                 f"{type(self.parts.law).__name__} answers without `stiffness`, which implicit and static runs need, "
                 "see `contact.law.Forces`"
             )
-        return self._of_closed_rows("stiffness", self.forces.stiffness())
+        return self._of_closed_rows("stiffness", self.forces.stiffness)
 
-    def _of_closed_rows(self, name: str, slope: Slope) -> Slope:
-        """Return a slope that the law gave; raises InputError if it is not one of the closed rows."""
-        n = self.index.size * self.rows.d
+    def _of_closed_rows(self, name: str, find: Callable[[], Slope]) -> Slope:
+        """Return a slope that the law gives; raises InputError if it is not one of the closed rows."""
+        n, law = self.index.size * self.rows.d, type(self.parts.law).__name__
+        if not callable(find):
+            raise InputError(
+                f"law {law}: expected a function without arguments as `{name}`, got {type(find).__name__}; write "
+                f"{name}=lambda: ..."
+            )
+        slope = find()
         if not isinstance(slope, Solved) and np.shape(slope) != (n, n):
             raise InputError(
-                f"law {type(self.parts.law).__name__}: expected a {name} of shape {(n, n)}, of the closed rows alone, "
-                f"got {np.shape(slope)}"
+                f"law {law}: expected a {name} of shape {(n, n)}, of the closed rows alone, got {np.shape(slope)}"
             )
         return slope
 
@@ -233,7 +239,7 @@ class Evaluation(RowForces):
         """Minus the derivative of forces on closed rows with respect to their rates, (d na, d na) [N s/m], or None."""
         if self.forces.damping is None or not self.index.size:
             return None
-        return dense(self._of_closed_rows("damping", self.forces.damping()))
+        return dense(self._of_closed_rows("damping", self.forces.damping))
 
     def slip_secants(self, H: Array) -> Array:
         """Stiffness, (m, m), if friction opposed slips in proportion to the ways of rows; zero where many rows stick.

@@ -44,7 +44,7 @@ class Forces(NamedTuple):
     taken : float
         Energy that it takes in this step, as by damage, besides that of `power` [J].
     memory : (nr, k) array, optional
-        What rows remember if the step ends so, see `Law.memory`. Default: what they remembered before.
+        What rows remember if the step ends so, see `Law.memory`. A law with a memory gives it in each answer.
     stored : float, optional
         Energy that is stored [J], zero where forces begin. Default: half of the normal forces times the depths.
     stiffness : callable, optional

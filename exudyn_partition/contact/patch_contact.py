@@ -311,10 +311,11 @@ class PatchContact:
             _check_energies(name, forces)
         if law.elastic and (forces.power or forces.taken):
             raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
-        if forces.memory is not None and np.shape(forces.memory) != (n, law.memory):
+        remembered = None if forces.memory is None else np.shape(forces.memory)
+        if (law.memory or remembered) and remembered != (n, law.memory):
             raise InputError(
                 f"law {name}: expected a memory of shape {(n, law.memory)}, rows by the values that `memory` of the "
-                f"law says, got {np.shape(forces.memory)}"
+                f"law says, got {remembered}"
             )
 
     def places(self, gap: Array, pushed: Array | None = None) -> Places:

@@ -250,7 +250,7 @@ class FrictionalCompliance(Law):
             self.problem = FrictionProblem(F)
         elif is_new:
             self.problem.replace(F, closing.states, last[near])
-        problem, before = self.problem, closing.before(places.since, last)
+        problem, before = self.problem, closing.exchange(places.since, last)
         if before is not None:  # a new step: guess that forces change as they did
             problem.extrapolate(before)
         h = np.empty((len(near), 3))
@@ -387,8 +387,8 @@ class ClosingRows:
         """Guess that no row was closed in the last steps."""
         self._last[:] = 0.0
 
-    def before(self, since: float, last: Array) -> Array | None:
-        """Forces on the rows at the end of the step before the last one, (k, 3) [N]; None if the step is known."""
+    def exchange(self, since: float, last: Array) -> Array | None:
+        """Keep the last forces; return those of the step before, on the rows, (k, 3) [N]; None if the step is known."""
         if since == self._since:
             return None
         nodes = self._row_nodes

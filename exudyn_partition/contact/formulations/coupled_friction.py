@@ -163,7 +163,7 @@ class CoupledFriction(Coupled):
                 self._problem = BlockFriction(F)
             self._problem.replace_blocks(F, np.concatenate([part.closing.states for part in self._parts]), forces)
         since = max(self._since)
-        before = [part.closing.before(since, f) for part, f in zip(self._parts, last, strict=True)]
+        before = [part.closing.exchange(since, f) for part, f in zip(self._parts, last, strict=True)]
         earlier = [f for f in before if f is not None]
         if earlier:  # a new step: guess that forces change as they did
             self._problem.extrapolate(np.concatenate(earlier))

@@ -135,6 +135,7 @@ def test_memories_that_cannot_be_are_refused(brick):
     none = np.zeros((len(gaps.row_nodes), 1)), np.empty(0, int)
     for answer, said in (
         (Forces(*none, memory=none[0][:, 0]), "expected a memory of shape"),
+        (Forces(*none), "expected a memory of shape .*, got None"),
         (tuple(none), "expected an answer of type contact.law.Forces, got tuple"),
     ):
         with pytest.raises(InputError, match=f"law Wrong: {said}"):

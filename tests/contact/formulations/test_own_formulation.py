@@ -248,6 +248,23 @@ def test_slopes_of_another_shape_are_named(round_body, flat_body):
         answer.damping()
 
 
+def test_slopes_that_are_no_functions_are_named(round_body, flat_body):
+    class Odd(page["Spring"]):
+        def answer(self, places):
+            forces = super().answer(places)
+            return forces._replace(stiffness=forces.stiffness(), damping=forces.stiffness())
+
+    class Odds(Springs):
+        def law(self, rows):
+            return Odd(rows)
+
+    contact = PatchContact(PatchGaps(inertial(round_body), inertial(flat_body)), Odds())
+    answer = contact.at(np.r_[round_body.rigid[:, :3] @ [0, 0, -3e-6], np.zeros(flat_body.n_dofs)])
+    for name, slope in (("stiffness", answer.row_stiffness), ("damping", answer.damping)):
+        with pytest.raises(InputError, match=f"law Odd: expected a function .* `{name}`, got ndarray"):
+            slope()
+
+
 def test_an_answer_without_slips_is_named(round_body, flat_body):
     class Silent(page["Spring"]):
         def answer(self, places):
