@@ -165,9 +165,7 @@ class Result:
         InputError
             If the run has no such sensor, or Exudyn read it too seldom.
         """
-        if isinstance(number, Number | np.generic | np.ndarray) or not hasattr(number, "__int__"):  # no index of Exudyn
-            number = validate_integer("number", number)
-        return self._sensor(int(number))
+        return self._sensor(_number_of(number))
 
     def _sensor(self, number: int) -> Array:
         """See `sensor`."""
@@ -192,18 +190,19 @@ class Result:
         InputError
             If the item was not in the model that was run.
         """
+        key = _number_of(number)
         if not isinstance(item, PartitionBody | StoredBody | PartitionContact | WorkSensor):
             raise InputError(
                 "item: expected what CreatePartitionBody() or CreatePartitionContact() returns, got "
                 f"{type(item).__name__}"
             )
-        seldom = isinstance(item, WorkSensor) and int(number) in self.seldom
+        seldom = isinstance(item, WorkSensor) and key in self.seldom
         if item not in self._items and not seldom:
             raise InputError(
                 f"result: expected one of the model that {called(item)} belongs to, got one of another model, or of "
                 "a run before it was added; take what solve_dynamic or collect returns for its own"
             )
-        return self._sensor(int(number))
+        return self._sensor(key)
 
     @cached_property
     def _items(self) -> frozenset[object]:
@@ -670,6 +669,13 @@ def cut(result: Result, count: int) -> Result:
     """Keep the first samples of a result."""
     sensors = {number: data[:count] for number, data in result.sensors.items()}
     return replace(result, t=result.t[:count], sensors=sensors)
+
+
+def _number_of(number: SensorIndex) -> int:
+    """Number of a sensor, which a user may have given."""
+    if isinstance(number, Number | np.generic | np.ndarray) or not hasattr(number, "__int__"):  # no index of Exudyn
+        return validate_integer("number", number)
+    return int(number)
 
 
 def when(result: Result, time: float) -> str:

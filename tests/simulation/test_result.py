@@ -60,6 +60,16 @@ def test_a_result_of_another_model_is_refused(bodies):
             ask(result)
 
 
+@pytest.mark.parametrize("number", [None, "x", 2.5, True, float("nan"), [1]])
+def test_numbers_of_sensors_that_cannot_be_are_named(impact, number):
+    mbs, striker, _, contact = impact
+    result = ep.solve_dynamic(mbs, end_time=1e-6)
+    np.testing.assert_array_equal(result.sensor_of(contact, contact["sForce"]), result.sensor(contact["sForce"]))
+    for ask in (result.sensor, lambda one: result.sensor_of(striker, one)):
+        with pytest.raises(InputError, match="number: expected a whole number"):
+            ask(number)
+
+
 def test_results_of_a_model_live_side_by_side(impact):
     """What a contact keeps beside its sensors belongs to the run: a later one takes nothing of it."""
     mbs, _, _, contact = impact

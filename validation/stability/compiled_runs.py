@@ -102,13 +102,16 @@ def of_two(number, *, friction=True):
     return mbs, (thrown, rests), contact, random_scenes.duration(scene)
 
 
-def of_two_that_move(number):
-    """Model of two bodies whose rows follow facets, its bodies and contact, and how long it runs [s]."""
-    scene, mbs = drawn(number, friction=False), exu.SystemContainer().AddSystem()
+def of_two_that_move(number, scene=None):
+    """Model of two bodies whose rows follow facets, its bodies and contact, and how long it runs [s].
+
+    With friction if another `scene` is given that has it; then a frame turns.
+    """
+    scene, mbs = scene or drawn(number, friction=False), exu.SystemContainer().AddSystem()
     rng, ((upper, _), (lower, _)) = np.random.default_rng(number), random_scenes.bodies_of(scene)
     place = (*scene.aside, 0.0) if scene.shapes == ("block", "block") else (0.0, 0.0, 0.0)
     frames = (("floating", "floating"), ("floating", "inertial"), ("inertial", "floating"), ("inertial", "inertial"))
-    upper_frame, lower_frame = frames[number // 2 % 4]
+    upper_frame, lower_frame = frames[number // 2 % (4 if scene.friction is None else 3)]
     spins = [
         {"initialAngularVelocity": 1e3 * rng.normal(size=3)} if frame == "floating" else {}
         for frame in (upper_frame, lower_frame)
@@ -119,7 +122,7 @@ def of_two_that_move(number):
         initialVelocity=np.add(scene.velocity, fast), referencePosition=place, **spins[0],
     )  # fmt: skip
     rests = ep.CreatePartitionBody(mbs, lower, name="lower", damping=scene.damping, frame=lower_frame, **spins[1])
-    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact")
+    contact = ep.CreatePartitionContact(mbs, thrown, rests, name="contact", friction=law_of(scene, number))
     mbs.Assemble()
     return mbs, (thrown, rests), contact, random_scenes.duration(scene)
 

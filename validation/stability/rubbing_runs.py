@@ -1,8 +1,9 @@
-"""Compiled runs against Exudyn's, of bodies that rub on rigid surfaces, in the random scenes of `compiled_runs`.
+"""Compiled runs against Exudyn's, of bodies that rub while they turn, in the random scenes of `compiled_runs`.
 
-The upper body of a scene flies at a rigid plane, sphere, cylinder or bore, in a floating frame with a random spin of
-some thousand rad/s, or in an inertial frame on a curved surface. It has friction, which falls as contact slips in every
-third scene, and flies aside with up to 0.7 of its speed. Reference, quantities and limit are those of `compiled_runs`.
+With even seeds the upper body flies at a rigid plane, sphere, cylinder or bore, in a floating frame with a random spin
+of some thousand rad/s, or in an inertial frame on a curved surface. With odd seeds it flies at the lower body, and one
+of them or both spin in floating frames. There is friction, which falls as contact slips in every third scene, and the
+upper body flies aside with up to 0.7 of its speed. Reference, quantities and limit are those of `compiled_runs`.
 
     python -m validation.stability.rubbing_runs [--count N] [--out FILE]
 """
@@ -13,7 +14,7 @@ import numpy as np
 
 from validation.stability import compiled_runs
 
-COUNT = 100
+COUNT = 200
 
 
 def rubbing(number):
@@ -26,8 +27,11 @@ def rubbing(number):
 
 def checked(seed):
     """The row of a seed."""
-    scene = rubbing(seed)
-    return compiled_runs.row_of(seed, scene, compiled_runs.on_surface(seed, scene=scene), " on a rigid surface")
+    number = seed // 2
+    scene = rubbing(number)
+    if seed % 2:
+        return compiled_runs.row_of(seed, scene, compiled_runs.of_two_that_move(number, scene), " on each other")
+    return compiled_runs.row_of(seed, scene, compiled_runs.on_surface(number, scene=scene), " on a rigid surface")
 
 
 def main():

@@ -138,7 +138,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
         return None
     t = run.result.t[nearest]
     depth, still_open = contact.depth(run.result.at([t])), -float(history.pressed[nearest])
-    if depth <= _SUNK * (depth + still_open):
+    if still_open <= 0.0 or depth <= _SUNK * (depth + still_open):  # the run ended where rows begin to close, or open
         return None
     return Finding(
         f"{called(contact)} never closed, though its surfaces lie {depth:.3g} m within each other at "

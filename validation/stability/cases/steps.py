@@ -94,7 +94,8 @@ def million_steps(method):
     }
 
 
-@case("adaptive step down to its floor", "stops and says so, or resolves it: momentum", warns=("StoppedRunWarning",))
+@case("adaptive step down to its floor", "stops and says so, or resolves it: momentum", warns=("StoppedRunWarning",),
+      quick=True)  # fmt: skip
 def floor(method):
     run = strike(method, ball(), gap=1e-6, end_time=80e-6, adaptive=True, gap_tolerance=1e-16)
     return {"looks finished": (float(run.result.status == "finished"), 0.0), "not finite": (finite(run), 0.0)}
