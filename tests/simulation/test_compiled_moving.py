@@ -119,7 +119,7 @@ def row_of(body, *frames, friction=(None, None, None)):
     are slower, so that they stay on their patches.
     """
     mbs, rough = exu.SystemContainer().AddSystem(), any(friction)
-    spins = [np.multiply(SPIN, (-1) ** i / (1 + rough)) if i == 2 or rough else None for i in range(3)]
+    spins = [np.multiply(SPIN, 1 / (1 + rough)) if i == 2 or rough else None for i in range(3)]
     balls = [
         ep.CreatePartitionBody(
             mbs, body, name=str(i), frame=frame, damping=0.02, referencePosition=[0, 0, R + i * (2 * R + 2e-7)],
@@ -192,7 +192,7 @@ ROUGH = {
         m["xyz"], friction=0.1, frames=("inertial", "floating"), along=3.0, below=BELOW
     ),
     "two that rub in the first step": lambda m: pair(m["xyz"], friction=0.2, below=BELOW, gap=1e-8),
-    "three that rub": lambda m: row_of(m["xyz"], *3 * ("floating",), friction=(0.2, 0.3, 0.1)),
+    "three that rub": lambda m: row_of(m["xyz"], *3 * ("floating",), friction=(0.2, FALLS, 0.1)),
     "three of which two rub": lambda m: row_of(m["xyz"], *3 * ("floating",), friction=(None, 0.2, None)),
     "three that rub in frames of both kinds": lambda m: row_of(
         m["xyz"], "inertial", "inertial", "floating", friction=(0.1, 0.2, None)
