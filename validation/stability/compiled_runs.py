@@ -187,8 +187,8 @@ def options(said, count):
     return parser.parse_args()
 
 
-def compare(checked, given, script):
-    """Run the scenes of all seeds; write the JSON of a script, see `options`."""
+def compare(checked, given, script, limits):
+    """Run the scenes of all seeds; write the JSON of a script with these limits, see `options`."""
     rows = []
     with ep.progress("compiled runs") as report:
         for seed in range(given.count):
@@ -202,15 +202,15 @@ def compare(checked, given, script):
         "until_the_end": sum(row["share"] == 1.0 for row in rows),
         "worst": worst,
         "found": {"difference": worst["difference"], "median": float(np.median([row["difference"] for row in rows]))},
-        "limits": LIMITS,
+        "limits": limits,
     }
     Console().print(result)
-    failed = [f"{name} {result['found'][name]:.2g}" for name, limit in LIMITS.items() if result["found"][name] > limit]
+    failed = [f"{name} {result['found'][name]:.2g}" for name, limit in limits.items() if result["found"][name] > limit]
     scenes.finish(script, result, failed, given.out)
 
 
 def main():
-    compare(checked, options(__doc__, COUNT), __file__)
+    compare(checked, options(__doc__, COUNT), __file__, LIMITS)
 
 
 if __name__ == "__main__":
