@@ -308,7 +308,7 @@ CASES = {
     "stability": Case("stability/stability.py", stability, ("--quick", "--out", "{out}/stability_quick.json")),
     "compiled_scenes": Case("stability/compiled_runs.py", limits(("difference",)),
                             ("--count", "40", "--out", "{out}/compiled_scenes.json")),
-    "rubbing_scenes": Case("stability/rubbing_runs.py", limits(("difference",)),
+    "rubbing_scenes": Case("stability/rubbing_runs.py", limits(("difference", "on each other")),
                            ("--count", "12", "--out", "{out}/rubbing_scenes.json")),
     "sensitivities": Case("stability/sensitivities.py", limits(("difference",)),
                           ("--count", "20", "--out", "{out}/sensitivities.json")),

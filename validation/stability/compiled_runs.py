@@ -187,8 +187,8 @@ def options(said, count):
     return parser.parse_args()
 
 
-def compare(checked, given, script, limits):
-    """Run the scenes of all seeds; write the JSON of a script with these limits, see `options`."""
+def compare(checked, given, script, limits, judged=lambda seed: "difference"):
+    """Run the scenes of all seeds, see `options`; write the JSON of a script. `judged` names the limit of a seed."""
     rows = []
     with ep.progress("compiled runs") as report:
         for seed in range(given.count):
@@ -201,7 +201,10 @@ def compare(checked, given, script, limits):
         **{f"with_friction_{name}": sum(row[name] for row in rows) for name in ("sticks", "slips", "reverses")},
         "until_the_end": sum(row["share"] == 1.0 for row in rows),
         "worst": worst,
-        "found": {"difference": worst["difference"], "median": float(np.median([row["difference"] for row in rows]))},
+        "found": {
+            **{name: max(row["difference"] for row in rows if judged(row["seed"]) == name) for name in limits},
+            "median": float(np.median([row["difference"] for row in rows])),
+        },
         "limits": limits,
     }
     Console().print(result)
