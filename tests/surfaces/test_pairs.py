@@ -114,6 +114,35 @@ def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_
 
 
 @pytest.mark.usefixtures("each_path")
+@pytest.mark.parametrize("quadratic", [True, False])
+def test_points_past_the_end_of_a_patch_have_the_same_facets_wherever_they_come_from(round_body, quadratic):
+    """They slide out and along the end. They stayed on the facet by which they left, as long as none was searched."""
+    surface = round_body.surface(np.zeros(3))
+    surface = replace(surface, facets=surface.facets if quadratic else surface.facets[:, :3])
+    facet, edge = np.nonzero(surface.neighbours[0] < 0)
+    ends, size, rng = surface.points[surface.facets[facet, edge]], surface.facet_size, np.random.default_rng(3)
+    x, places = np.repeat(0.95 * ends + [0.0, 0.0, -2e-5], 4, axis=0), surface.points.copy()
+    ways = size * rng.normal(size=x.shape) * [1.0, 1.0, 0.05]
+    ways *= (0.4 / np.linalg.norm(ways, axis=1) * size)[:, None]
+    alone, index = single_points(len(x)), np.arange(len(x))
+
+    def begun(x):
+        found = closest_points(x, surface.points[surface.facets])
+        pairs = MovingPairs(surface, found.facet, found.local)
+        pairs.follow(alone, index, x, places)
+        return pairs
+
+    pairs = begun(x)
+    for share in np.linspace(0.05, 1.0, 20):
+        there = x + share * ways
+        normal, gap = pairs.follow(alone, index, there, places)
+        right, expected = begun(there).follow(alone, index, there, places)
+        np.testing.assert_allclose(gap, expected, rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(normal, right, rtol=0, atol=1e-8)
+    assert (pairs.facet != begun(x).facet).mean() > 0.2
+
+
+@pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("past_the_end", [1e-6, 1e-4])
 def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_end):
     """The lower face of a body, at z = 0, ends in a wall at x = 0, which looks the way of the point's own wall.
