@@ -59,7 +59,10 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         # Loops are compiled again for arrays of another layout.
         self.facets, self.size = np.ascontiguousarray(master.facets), master.facet_size
-        self._neighbours, self._others, self._ends = master.neighbours, master.others, master.ends_of_facets
+        self._others, self._ends = master.others, master.ends_of_facets
+        # Points do not cross sharp edges: they are searched there, so that their normals decide which face they meet.
+        smooth = self._others.around[:, self._ends.shape[1] :, 1] >= 0
+        self._neighbours = np.where(smooth, master.neighbours[0], -1), master.neighbours[1]
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)

@@ -243,6 +243,24 @@ def test_contact_that_slides_past_the_end_of_a_patch(pair, friction, where, solv
     assert_goes_on(make, 20e-6, tmp_path / "cut.npz", solver=solver)
 
 
+def test_corners_that_slide_over_each_other(tmp_path):
+    """Points leave one face past a sharp edge, and enter others. Some were points of a face that they had not met."""
+    fem = ep.fe_model(occ.Box(occ.Pnt(-4e-3, -3e-3, 0), occ.Pnt(4e-3, 3e-3, 3e-3)), ep.STEEL, maxh=1.5e-3)
+    block = ep.reduce(fem, ep.Partition.skin(fem), f_cut=150e3)
+
+    def make():
+        mbs = exu.SystemContainer().AddSystem()
+        place = {"referencePosition": [3.7e-3, 2.5e-3, 3.01e-3], "initialVelocity": [20.0, 10.0, -2.0]}
+        turning = {"initialAngularVelocity": [2000.0, 900.0, 500.0]}
+        upper = ep.CreatePartitionBody(mbs, block, frame="floating", **place, **turning)
+        both = upper, ep.CreatePartitionBody(mbs, block, frame="floating")
+        contact = ep.CreatePartitionContact(mbs, *both, friction=0.2)
+        mbs.Assemble()
+        return mbs, both, [contact]
+
+    assert_goes_on(make, 4e-6, tmp_path / "cut.npz", step=0.1e-6)
+
+
 @pytest.mark.parametrize("cut", [12e-6, 16e-6, 23e-6])
 def test_at_other_times(pair, cut, tmp_path):
     assert_goes_on(lambda: on_plate(pair, friction=MU), cut, tmp_path / "cut.npz")

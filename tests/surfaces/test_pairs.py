@@ -18,6 +18,14 @@ def single_points(n):
     return ContactPoints(np.arange(n)[:, None], np.ones((n, 1)), one, np.arange(n), np.ones(n), one)
 
 
+def sharp_corner():
+    """The lower face of a body, at z = 0, which ends at x = 0 in a wall."""
+    x = np.array([[-1, 0, 0], [-1, 1, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]], dtype=float)
+    facets = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]])
+    direction, rim, sharp = np.array([0.0, 0.0, -1.0]), np.empty(0, dtype=int), np.array([2, 3])
+    return Surface(x, facets, direction, rim, np.arange(6), wanders=True, sharp=sharp)
+
+
 @pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("quadratic", [True, False])
 def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, flat_body, quadratic):
@@ -143,6 +151,25 @@ def test_points_past_the_end_of_a_patch_have_the_same_facets_wherever_they_come_
 
 
 @pytest.mark.usefixtures("each_path")
+def test_points_do_not_cross_a_sharp_edge_because_they_moved_far_before():
+    """The corner below. A point within the body, whose last way leads past the corner, was one of the wall."""
+    surface, up = sharp_corner(), np.array([0.0, 0.0, 1.0])
+    depth, alone, places = 0.05, single_points(1), surface.points.copy()
+    found = closest_met(np.array([[-0.9, 0.4, depth]]), up, surface)
+    pairs = MovingPairs(surface, found.facet, found.local)
+    for x in (-0.9, -0.15, -0.1):
+        place = np.array([[x, 0.4, depth]])
+
+        def meet(points, place=place):
+            met = closest_met(place, up, surface)
+            return met, opposite(met.normal, up), place, places
+
+        normal, seen = pairs.follow(alone, np.arange(1), place, places, meet)
+        np.testing.assert_allclose(normal, [surface.direction], atol=1e-12)
+        np.testing.assert_allclose(seen, -depth, rtol=1e-9)
+
+
+@pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("past_the_end", [1e-6, 1e-4])
 def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_end):
     """The lower face of a body, at z = 0, ends in a wall at x = 0, which looks the way of the point's own wall.
@@ -150,12 +177,9 @@ def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_
     The point lies under the corner, flush with that wall and with the end of the patch. It slides a little past both,
     then back under the body. There it was still a point of the wall, with a negative gap though nothing touches.
     """
-    x = np.array([[-1, 0, 0], [-1, 1, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]], dtype=float)
-    facets = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]])
-    direction, rim, sharp = np.array([0.0, 0.0, -1.0]), np.empty(0, dtype=int), np.array([2, 3])
-    surface = Surface(x, facets, direction, rim, np.arange(6), wanders=True, sharp=sharp)
+    surface = sharp_corner()
     gap, aside = 1e-3, 1e-5
-    up, alone, places = np.array([0.6, 0.0, 0.8]), single_points(1), x.copy()
+    up, alone, places = np.array([0.6, 0.0, 0.8]), single_points(1), surface.points.copy()
     found = closest_met(np.array([[0.0, 0.0, -gap]]), up, surface)
     pairs = MovingPairs(surface, found.facet, found.local)
     for way in (aside, aside, -aside, -10 * aside):
@@ -166,5 +190,5 @@ def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_
             return met, opposite(met.normal, up), place, places
 
         normal, seen = pairs.follow(alone, np.arange(1), place, places, meet)
-        np.testing.assert_allclose(normal, [direction], atol=1e-12)
+        np.testing.assert_allclose(normal, [surface.direction], atol=1e-12)
         np.testing.assert_allclose(seen, gap, rtol=1e-9)
