@@ -155,10 +155,10 @@ def test_points_do_not_cross_a_sharp_edge_because_they_moved_far_before():
     """The corner below. A point within the body, whose last way leads past the corner, was one of the wall."""
     surface, up = sharp_corner(), np.array([0.0, 0.0, 1.0])
     depth, alone, places = 0.05, single_points(1), surface.points.copy()
-    found = closest_met(np.array([[-0.9, 0.4, depth]]), up, surface)
+    found = closest_met(np.array([[-0.8, 0.9, depth]]), up, surface)
     pairs = MovingPairs(surface, found.facet, found.local)
-    for x in (-0.9, -0.15, -0.1):
-        place = np.array([[x, 0.4, depth]])
+    for x in (-0.8, -0.15, -0.1):
+        place = np.array([[x, 0.9, depth]])
 
         def meet(points, place=place):
             met = closest_met(place, up, surface)
