@@ -290,6 +290,8 @@ class PatchContact:
         places = self._places(h, pushed, motion, least)
         forces = law.answer(places)
         self._check(forces, len(h))
+        if not math.isfinite(float(forces.on_rows.sum()) + forces.power + forces.taken):
+            _refuse_what_is_no_number(type(law).__name__, forces, motion)
         return self.answered(forces, evaluated_gap, least, places)
 
     def _check(self, forces: Forces, n: int) -> None:
@@ -647,6 +649,15 @@ def _check_energies(name: str, forces: Forces) -> None:
             raise InputError(
                 f"law {name}: expected one number as `{key}`, the sum over the rows, got the shape {np.shape(value)}"
             )
+
+
+def _refuse_what_is_no_number(name: str, forces: Forces, motion: Motion | None) -> None:
+    """Raise an error because of an answer of a law of this name to finite gaps that is not finite itself."""
+    if motion is not None and not math.isfinite(float(motion.q_t.sum())):
+        raise ComplementarityError("the velocities are not finite: the run has become unstable")
+    values = {"on_rows": forces.on_rows, "power": forces.power, "taken": forces.taken}
+    wrong = " and ".join(key for key, value in values.items() if not np.isfinite(value).all())
+    raise InputError(f"law {name}: expected finite numbers for finite gaps and velocities, got others in {wrong}")
 
 
 def _refuse_rates(law: Law, motion: Motion | None) -> Array:
