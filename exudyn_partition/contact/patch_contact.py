@@ -655,7 +655,7 @@ def _refuse_what_is_no_number(name: str, forces: Forces, motion: Motion | None) 
     """Raise an error because of an answer of a law of this name to finite gaps that is not finite itself."""
     if motion is not None and not math.isfinite(float(motion.q_t.sum())):
         raise ComplementarityError("the velocities are not finite: the run has become unstable")
-    values = {"on_rows": forces.on_rows, "power": forces.power, "taken": forces.taken}
+    values: dict[str, Array | float] = {"on_rows": forces.on_rows, "power": forces.power, "taken": forces.taken}
     wrong = " and ".join(key for key, value in values.items() if not np.isfinite(value).all())
     raise InputError(f"law {name}: expected finite numbers for finite gaps and velocities, got others in {wrong}")
 
