@@ -13,7 +13,7 @@ from ..support.foreign import MainSystem
 from ..support.optional import require
 from .rotation_vectors import rotation_vectors
 
-_WAY = 1e-6  # of a coordinate: rows of joints and contacts are almost linear over it
+WAY = 1e-6  # of a coordinate: rows of joints are almost linear over it
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +45,17 @@ class Differences:
         """Number of the model's coordinates."""
         return len(self.references)
 
-    def changes(self, function: Callable[[], Array], by: Array) -> Array:
-        """Changes of a function's value, (j,), with coordinates `by`, (k,): (j, k)."""
+    def changes(self, function: Callable[[], Array], by: Array, ways: Array | None = None) -> Array:
+        """Changes of a function's value, (j,), with coordinates `by`, (k,): (j, k). These move by `ways`, (k,)."""
         q, result = self.mbs.systemData.GetODE2Coordinates(copy=False), []
-        for i in by.tolist():
+        for i, size in zip(by.tolist(), np.full(len(by), WAY) if ways is None else ways, strict=True):
             place, ends = self.turning.get(i, slice(i, i + 1)), []
             start = q[place].copy()
-            for way in (_WAY, -_WAY):
+            for way in (size, -size):
                 q[place] = self._moved(place, start, i, way)
                 ends.append(function())
             q[place] = start
-            result.append((ends[0] - ends[1]) / (2 * _WAY))
+            result.append((ends[0] - ends[1]) / (2 * size))
         return np.column_stack(result)
 
     def _moved(self, place: slice, start: Array, i: int, way: float) -> Array:

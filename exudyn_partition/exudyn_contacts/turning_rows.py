@@ -10,13 +10,15 @@ from functools import partial
 
 import numpy as np
 
-from ..exudyn_bodies.differences import Differences
+from ..exudyn_bodies.differences import WAY, Differences
 from ..support.arrays import Array
 from ..support.foreign import MainSystem
 from .contact_object import carrying_nodes
 from .contact_run import ContactRun
 from .contact_samples import ModelContact
 from .model_run import ModelRun
+
+_LITTLE = 1e-4  # of a facet's size: rows are almost linear over it, and stay the same
 
 
 def stiffness_of_turning_rows(mbs: MainSystem, run: ModelRun) -> Array:
@@ -34,9 +36,22 @@ def stiffness_of_turning_rows(mbs: MainSystem, run: ModelRun) -> Array:
             carrier = [mbs.systemData.GetNodeLTGODE2(node) for node in carrying_nodes(contact)]
             by = np.concatenate([member.dofs, *carrier])
             forces = partial(_forces, mbs, contact, member, nodes, answer.on_rows[answer.index])
-            K[np.ix_(by, by)] -= differences.changes(forces, by)
+            K[np.ix_(by, by)] -= differences.changes(forces, by, _ways(member, len(by)))
             gaps.return_to(there)
     return K
+
+
+def _ways(member: ContactRun, n: int) -> Array:
+    """Ways of n coordinates, first those of the bodies, that hardly move any node of the patches, (n,)."""
+    gaps = member.mechanics.gaps
+    start, little = gaps.places(gaps.q), _LITTLE * gaps.size
+    ways = np.full(n, min(WAY, little))
+    for i in range(len(gaps.q)):
+        q = gaps.q.copy()
+        q[i] += WAY
+        moved = max(np.nan_to_num(abs(x - x0)).max() for x, x0 in zip(gaps.places(q), start, strict=True))
+        ways[i] = min(WAY, WAY * little / moved) if moved else ways[i]
+    return ways
 
 
 def _forces(mbs: MainSystem, contact: ModelContact, member: ContactRun, nodes: Array, forces: Array) -> Array:
