@@ -6,21 +6,18 @@ pressed strut in a floating frame misses a share of its load.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ..frames.rotations import turned
 from ..support.arrays import Array
 from ..support.foreign import ItemEntry, MainSystem, MarkerIndex, ObjectIndex
 from ..support.optional import require
+from .differences import Differences
 from .joints import constraints
-from .rotation_vectors import rotation_vectors
-
-_WAY = 1e-6  # of central differences, in a coordinate: rows are almost linear over it
 
 
 class _Joint(NamedTuple):
@@ -36,8 +33,7 @@ class _Joint(NamedTuple):
 class Reactions:
     """Forces C' lambda of the joints of a model, and their changes with its coordinates.
 
-    Rotation vectors change by turns about their node's axes. Each change takes two calls of Exudyn a coordinate and
-    joint.
+    Each change takes two calls of Exudyn a coordinate and joint.
 
     Parameters
     ----------
@@ -45,30 +41,29 @@ class Reactions:
         An assembled model.
     joints : list of _Joint
         Its constraints that are switched on.
-    turning : dict
-        Place of the rotation vector of each coordinate that is a component of one.
-    references : (nq,) array
-        Coordinates of the reference configuration.
+    differences : Differences
     """
 
     mbs: MainSystem
     joints: list[_Joint]
-    turning: dict[int, slice]
-    references: Array
+    differences: Differences
 
     @classmethod
     def of(cls, mbs: MainSystem) -> Reactions:
         """Reactions of an assembled model, with the joints that are switched on now."""
-        turning = {i: slice(first, first + 3) for first in rotation_vectors(mbs) for i in range(first, first + 3)}
-        references = mbs.systemData.GetODE2Coordinates(require("exudyn").ConfigurationType.Reference)
-        return cls(mbs, [*_joints(mbs)], turning, references)
+        return cls(mbs, [*_joints(mbs)], Differences.of(mbs))
+
+    @property
+    def turning(self) -> dict[int, slice]:
+        """See `Differences`."""
+        return self.differences.turning
 
     def stiffness(self, multipliers: Array) -> Array:
         """Changes of the forces of constant multipliers, (m,), with all coordinates, (nq, nq)."""
-        result = np.zeros((len(self.references),) * 2)
+        result = np.zeros((self.differences.n,) * 2)
         for joint in self.joints:
             by = np.unique(joint.columns)
-            result[:, by] += self._changes(partial(self._forces, joint, multipliers), by)
+            result[:, by] += self.differences.changes(partial(self._forces, joint, multipliers), by)
         return result
 
     def stiffness_as_loads(self, multipliers: Array, columns: Array) -> Array:
@@ -77,13 +72,13 @@ class Reactions:
         Loads keep their directions in space. For motions that joints allow this adds up to `stiffness`, except where a
         body slides along another one that turns. Rotations by deformation count as linear.
         """
-        result = np.zeros((len(self.references),) * 2)
+        result = np.zeros((self.differences.n,) * 2)
         for joint in self.joints:
             for marker, dofs in joint.markers:
                 turns = np.array([i for i in dofs if i in self.turning], dtype=int)
                 if turns.size and np.isin(dofs, columns).all():
                     load = np.linalg.lstsq(self._ways(marker).T, self._forces(joint, multipliers)[dofs])[0]
-                    changes = self._changes(partial(self._load, marker, load), turns)
+                    changes = self.differences.changes(partial(self._load, marker, load), turns)
                     others = np.isin(dofs, turns, invert=True)
                     result[np.ix_(dofs, turns)] += changes
                     result[np.ix_(turns, dofs[others])] += changes[others].T
@@ -93,7 +88,7 @@ class Reactions:
     def _forces(self, joint: _Joint, multipliers: Array) -> Array:
         """Forces of a joint on the model's coordinates, (nq,)."""
         rows = np.asarray(self.mbs.ComputeItem(joint.number, require("exudyn").ComputeItemType.ConstraintJacobian))
-        forces = np.zeros(len(self.references))
+        forces = np.zeros(self.differences.n)
         np.add.at(forces, joint.columns, rows.T @ multipliers[joint.rows])  # a joint may name a coordinate twice
         return forces
 
@@ -108,27 +103,6 @@ class Reactions:
         """Forces of a force and a moment in space, (6,), on a marker's coordinates, (k,)."""
         forces: Array = self._ways(marker).T @ load
         return forces
-
-    def _changes(self, function: Callable[[], Array], by: Array) -> Array:
-        """Changes of a function's value, (j,), with coordinates `by`, (k,): (j, k), by central differences."""
-        q, result = self.mbs.systemData.GetODE2Coordinates(copy=False), []
-        for i in by.tolist():
-            place, ends = self.turning.get(i, slice(i, i + 1)), []
-            start = q[place].copy()
-            for way in (_WAY, -_WAY):
-                q[place] = self._moved(place, start, i, way)
-                ends.append(function())
-            q[place] = start
-            result.append((ends[0] - ends[1]) / (2 * _WAY))
-        return np.column_stack(result)
-
-    def _moved(self, place: slice, start: Array, i: int, way: float) -> Array:
-        """Coordinates at a place, (1,) or (3,) for a rotation vector, after number i of the model's has moved."""
-        ways = np.zeros(len(start))
-        ways[i - place.start] = way
-        if i not in self.turning:
-            return start + ways
-        return turned(self.references[place] + start, ways) - self.references[place]
 
 
 def _joints(mbs: MainSystem) -> Iterator[_Joint]:

@@ -40,7 +40,7 @@ def add_to_object(mbs: MainSystem, contact: PartitionContact, runs: Runs) -> Obj
     """
     runs.add_contact()
     registry = registered(mbs)
-    nodes = {int(node): node for node in contact.nodes + _carrying_nodes(contact)}
+    nodes = {int(node): node for node in contact.nodes + carrying_nodes(contact)}
     earlier = next(iter(registry.contacts.values()), None)
     if earlier is None:
         registry.nodes_in_contact = nodes
@@ -223,13 +223,13 @@ def _of_slips(mbs: MainSystem, model: ModelRun, contacts: Sequence[ModelContact]
 
 def _closed_rows(mbs: MainSystem, run: ContactRun, contact: ModelContact) -> tuple[Array, Array]:
     """Closed rows on the coordinates of bodies and carrier, (na, m), and numbers of these in the model, (m,)."""
-    H, nodes = dense(run.evaluation.row_jacobian()), _carrying_nodes(contact)
+    H, nodes = dense(run.evaluation.row_jacobian()), carrying_nodes(contact)
     if contact.carrier is None or not nodes:
         return H, run.dofs
     H = np.hstack([H, run.evaluation.row_carrier() @ contact.carrier.by_coordinates(mbs)])
     return H, np.concatenate([run.dofs, *(mbs.systemData.GetNodeLTGODE2(node) for node in nodes)])
 
 
-def _carrying_nodes(contact: ModelContact) -> list[NodeIndex]:
+def carrying_nodes(contact: ModelContact) -> list[NodeIndex]:
     """Nodes of the body that carries the rigid surface."""
     return [] if contact.carrier is None else contact.carrier.nodes

@@ -565,10 +565,14 @@ class Runs:
 
     @contextlib.contextmanager
     def linearise_aside(self, mbs: MainSystem) -> Iterator[ModelRun]:
-        """A static run at the initial state that makes no step; after it, the run before is the present one again."""
+        """A static run at the initial state that makes no step; after it, the run before is the present one again.
+
+        The stiffness of its contacts is that by turns, as mass matrices are, since no solver adds to rotation vectors.
+        """
         before, t = self._present, mbs.systemData.GetTime(require("exudyn").ConfigurationType.Initial)
         try:
             with self.open_run(mbs, float(t), "static") as run:
+                run.vectors = ()
                 yield run
         finally:
             self._present = before

@@ -15,6 +15,7 @@ from ..exudyn_bodies.model import coordinate_slices, validate_model
 from ..exudyn_bodies.reactions import Reactions
 from ..exudyn_contacts.model_run import runs_of
 from ..exudyn_contacts.partition_contact import partition_items
+from ..exudyn_contacts.turning_rows import stiffness_of_turning_rows
 from ..frames.floating import FloatingKinematics
 from ..support.arrays import Array
 from ..support.checks import validate_flag
@@ -36,6 +37,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
     Rows that are closed there stay closed. With friction, all of them stick, also those that slipped under the preload:
     the least vibration lets them stick, as far as it does not reach the limit of friction again. Joints hold what they
     hold, and their reactions keep their directions in space where bodies turn, as loads do: a link that hangs swings.
+    Forces of contacts follow their rows, to other levers and directions: a ball that lies in a bore swings, too.
     Damping is left out. Call it after `solve_static(mbs, update_initial=True)`. Otherwise reactions are those that
     balance the forces of the initial state, after a linear answer of what joints allow.
 
@@ -93,6 +95,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
         try:
             solver.InitializeSolver(mbs, settings)
             M, K, allowed = linearised(mbs, solver)
+            K += allowed.T @ stiffness_of_turning_rows(mbs, runs.now(mbs)) @ allowed
             solver.FinalizeSolver(mbs, settings)
         finally:
             mbs.sys["staticSolver"] = last

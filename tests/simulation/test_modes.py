@@ -4,10 +4,13 @@ import warnings
 
 import exudyn as exu
 import exudyn.itemInterface as items
+import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy.linalg
+from exudyn.utilities import RigidBodyInertia
 from oracles import add_loads, add_springs
+from scipy.spatial.transform import Rotation
 
 import exudyn_partition as ep
 from exudyn_partition.errors import ModelLimitWarning, RunError
@@ -147,3 +150,87 @@ def test_coordinates_of_first_order_are_refused(mbs):
     mbs.Assemble()
     with pytest.raises(RunError, match="first order have no natural modes"):
         ep.natural_modes(mbs)
+
+
+GRAVITY, RADIUS, BORE = 2e4, 0.01, 0.03  # [m/s2], of a ball and of a round surface [m]
+
+
+@pytest.fixture(scope="module")
+def marble(kept):
+    """A ball around the origin that touches beneath, with all three directions, for contact on a coarse mesh."""
+    shape = occ.Sphere(occ.Pnt(0, 0, 0), RADIUS)
+    fem = ep.fe_model(shape, ep.STEEL, maxh=5e-3, refine=[ep.Refine((0, 0, -RADIUS), 4e-3, 1.2e-3)])
+    return ep.reduce(fem, ep.Partition.ball(fem, (0, 0, -RADIUS), 4e-3, axes="xyz"), f_cut=50e3, cache=kept)
+
+
+@pytest.fixture(scope="module")
+def flat_block(kept):
+    """A block of steel that stands on a square, with all three directions."""
+    shape = occ.Box(occ.Pnt(-5e-3, -5e-3, 0), occ.Pnt(5e-3, 5e-3, 0.02))
+    fem = ep.fe_model(shape, ep.STEEL, maxh=6e-3)
+    foot = ep.Partition.surface(fem, plane=((0, 0, 0), (0, 0, -1)), axes="xyz")
+    return ep.reduce(fem, foot, f_cut=30e3, cache=kept)
+
+
+def rolled(friction):
+    """Moment of inertia that goes with the way of a ball, by its mass and radius squared."""
+    return 0.0 if friction is None else 0.4
+
+
+def slow(mbs, n):
+    """The n lowest frequencies of a ball that rests, after rigid motions that nothing holds."""
+    ep.settle(mbs)
+    found = ep.natural_modes(mbs)[0]
+    lowest = found[abs(found) < 1e3]
+    return lowest[np.sort(np.argsort(abs(lowest))[-n:])]
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
+@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize(("curvature", "place"), [(1.0, BORE - RADIUS), (-1.0, BORE + RADIUS)])
+def test_a_ball_swings_in_a_bore_and_falls_off_a_roller(mbs, marble, friction, curvature, place):
+    """As a pendulum of the length between both middles, slower if it rolls: levers and normals of rows turn."""
+    item = ep.CreatePartitionBody(mbs, marble, frame="floating", gravity=[0, 0, -GRAVITY])
+    round_ = ep.RigidCylinder((0, 0, curvature * place), (0, 1, 0), BORE, hollow=curvature > 0)
+    ep.CreatePartitionContact(mbs, item, round_, formulation="hertz", friction=friction)
+    mbs.Assemble()
+    right = curvature * np.sqrt(GRAVITY / place / (1 + rolled(friction))) / (2 * np.pi)
+    np.testing.assert_allclose(slow(mbs, 1), right, rtol=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_a_ball_swings_in_a_bore_that_slides_on_a_spring(mbs, marble, friction):
+    """Two coordinates by hand, the way of the block with the bore and the angle of the ball in it."""
+    M, k, length, m = 0.1, 2e5, BORE - RADIUS, marble.total_mass
+    inertia = RigidBodyInertia(mass=M, inertiaTensor=1e-3 * np.eye(3))
+    kind = exu.NodeType.RotationRotationVector
+    block = mbs.CreateRigidBody(inertia=inertia, referencePosition=[0, 0, length], nodeType=kind)
+    ground = mbs.CreateGround(referencePosition=[0, 0, length])
+    markers = [mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=body)) for body in (ground, block)]
+    mbs.AddObject(items.ObjectJointGeneric(markerNumbers=markers, constrainedAxes=[0, 1, 1, 1, 1, 1]))
+    mbs.AddObject(items.CartesianSpringDamper(markerNumbers=markers, stiffness=[k, 0, 0]))
+    item = ep.CreatePartitionBody(mbs, marble, frame="floating", gravity=[0, 0, -GRAVITY])
+    bore = ep.RigidCylinder((0, 0, 0), (0, 1, 0), BORE, hollow=True)
+    ep.CreatePartitionContact(mbs, item, bore, masterBody=block, formulation="hertz", friction=friction)
+    mbs.Assemble()
+    mass = [[M + m, m * length], [m * length, m * length**2 * (1 + rolled(friction))]]
+    squares = scipy.linalg.eigh(np.diag([k, m * GRAVITY * length]), mass, eigvals_only=True)
+    np.testing.assert_allclose(slow(mbs, 2), np.sqrt(squares) / (2 * np.pi), rtol=2e-3)
+
+
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_modes_do_not_depend_on_how_a_scene_is_turned(flat_block, friction):
+    """A block that is pressed on a plane; nothing holds it along a smooth one."""
+    found = []
+    for axis in ([0.0, 0.0, 0.0], [0.4, 0.8, -0.5], [0.0, 2.0, 1.0]):
+        mbs, axes = exu.SystemContainer().AddSystem(), Rotation.from_rotvec(axis).as_matrix()
+        down = (-GRAVITY * axes[:, 2]).tolist()
+        item = ep.CreatePartitionBody(mbs, flat_block, frame="floating", gravity=down, referenceRotationMatrix=axes)
+        ep.CreatePartitionContact(mbs, item, ep.RigidPlane((0, 0, 0), axes[:, 2]), friction=friction)
+        mbs.Assemble()
+        ep.settle(mbs)
+        found.append(ep.natural_modes(mbs)[0])
+    highest = found[0].max()
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-6, atol=1e-6 * highest)
+    assert np.count_nonzero(abs(found[0]) < 1e-6 * highest) == (3 if friction is None else 0)
