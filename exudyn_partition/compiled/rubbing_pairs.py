@@ -84,7 +84,8 @@ class RubbingPair(FollowedPair):
         self._friction.pushed[self._rows] = self._friction.gap[self._rows]
         self._q_before = q_before[self._following.dofs]
         if rows != self._stage:  # other nodes are followed
-            self._write(self.gaps.places_at(self.gaps.near_sides, self._then))
+            then = self._then
+            self._write(self.gaps.near_sides.places(then.q, then.growing))
 
     @property
     def _then(self) -> GapState:

@@ -60,7 +60,7 @@ class Apart(Stage):
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`."""
-        here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
+        here = seen_from(self.rows.sides.places(q, pair.growing), pair.witnesses)
         return (self, NOTHING) if largest_change(here, self.here) <= self.reach else pair.search(q)
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -256,7 +256,7 @@ class Followed(Stage):
         if followed is None:
             return pair.search(q)
         stage, gap, enough = followed
-        return (stage, gap) if enough else search.choose(pair, pair.places(q), stage.here)
+        return (stage, gap) if enough else search.choose(pair, pair.sides.places(q, pair.growing), stage.here)
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
         """See `Stage.keep_rows`; the points may move any distance."""
@@ -268,7 +268,7 @@ class Followed(Stage):
         _, self._alone = self.shares, False  # from now on, `Search.pairs` has projected other points
         for outdated in ("compiled", "flat_pair"):
             vars(self.rows).pop(outdated, None)
-        return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
+        return self.rows.search.choose(pair, pair.sides.places(q, pair.growing), self.here, NEAR * pair.size)
 
     def _follow(self, pair: Pair, q: Array, reach: float, sides: Sides) -> tuple[Followed, Array, bool] | None:
         """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
@@ -280,7 +280,7 @@ class Followed(Stage):
         search.projections += 1
         if loops.at_once():
             return self._follow_at_once(pair, q, reach, sides)
-        places = pair.places_of(sides, q)
+        places = sides.places(q, pair.growing)
         here = seen_from(places, pair.witnesses)
         if not largest_change(here, search.here) <= reach:
             return None
@@ -295,7 +295,7 @@ class Followed(Stage):
     def _follow_at_once(self, pair: Pair, q: Array, reach: float, sides: Sides) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach, pair.within)
-        how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.growing_sides
+        how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.sides.growths(pair.growing)
         places = [side.places_begun(*part) for side, *part in zip(sides, pair.sides.split(q), growing, strict=True)]
         flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
         followed = loops.followed_gaps(flat, q, growing, places, how)

@@ -296,12 +296,6 @@ class Gaps:
         """
         return -np.inf
 
-    def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
-        """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
-        of_sides: Sequence[Array | None] = dents or [None] * len(sides)
-        parts = zip(sides, self.sides.split(q), self.growing_sides, of_sides, strict=True)
-        return [side.dented(part, growing, dent) for side, part, growing, dent in parts]
-
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
         return self.at(q)
@@ -380,7 +374,7 @@ class Gaps:
         return self.stage.shares
 
     @property
-    def near_sides(self) -> tuple[Side, ...]:
+    def near_sides(self) -> Sides:
         """The sides; while rows are followed, only with the nodes that the rows need."""
         return self.stage.rows.sides
 
@@ -519,30 +513,6 @@ class Gaps:
         else:
             self.growing = NOTHING
 
-    @property
-    def growing_sides(self) -> list[Array]:
-        """`growing` of each side, (6,); empty if no side grows."""
-        return self._by_side(self.growing)
-
-    def _by_side(self, growing: Array) -> list[Array]:
-        return [growing[:6], growing[6:]][: len(self.sides)]
-
-    def places(self, q: Array) -> list[Array]:
-        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,), from `centre`.
-
-        Where contact wanders over a patch, only nodes that may touch soon are followed; the others are NaN.
-        """
-        return self.places_of(self.sides, q)
-
-    def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
-        return [side.place(*part) for side, *part in zip(sides, self.sides.split(q), self.growing_sides, strict=True)]
-
-    def places_at(self, sides: Sequence[Side], anchor: Anchor | GapState) -> list[Array]:
-        """The same at an anchor, with its own growth."""
-        parts = zip(sides, self.sides.split(anchor.q), self._by_side(anchor.growing), strict=True)
-        return [side.place(*part) for side, *part in parts]
-
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], for fixed pairs.
 
@@ -578,8 +548,7 @@ class Gaps:
         Those of other nodes are NaN.
         """
         if self.present.places is None:
-            here = Anchor(self.present.q, self.evaluated_pose, self.present.growing)
-            self.present.places = self.places_at(self.near_sides, here)
+            self.present.places = self.near_sides.places(self.present.q, self.present.growing)
         return self.present.places
 
     def jacobian(self, index: Array) -> Rows:

@@ -141,7 +141,7 @@ class PatchGaps(Gaps):
     def _freeze_at(self, q: Array) -> None:
         """Freeze the pairs at coordinates q, (n,)."""
         if self._stage_frozen is None or self._froze_at is None or not np.array_equal(q, self._froze_at):
-            self._stage_frozen = self._freeze(self.project(*self.places(q))[0], q)
+            self._stage_frozen = self._freeze(self.project(*self.sides.places(q, self.growing))[0], q)
             self._froze_at = q
         self._put_stage(self._stage_frozen)
 
@@ -188,11 +188,11 @@ class PatchGaps(Gaps):
 
     def _stance_of(self, anchor: Anchor) -> Array:
         """See `Gaps`."""
-        return seen_from(self.places_at(self.stage.rows.sides, anchor), self.witnesses) / self.size
+        return seen_from(self.stage.rows.sides.places(anchor.q, anchor.growing), self.witnesses) / self.size
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        x_s, x_m = self.places_at(self.sides, anchor)
+        x_s, x_m = self.sides.places(anchor.q, anchor.growing)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         projection, start = self._projection(rows.points, slave, master), self.sides[1].surface
         places, nodes = rows.points.at(x_s), x_m[master.facets]
@@ -233,7 +233,7 @@ class PatchGaps(Gaps):
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`."""
-        x_s, x_m = self.dented(self.sides, q, dents)
+        x_s, x_m = self.sides.dented(q, self.growing, dents)
         direction = replace(self.slave.surface, points=x_s).normal_here
         master = replace(self.sides[1].surface, points=x_m)
         projection = closest_met(np.vstack([x_s, self._all.at(x_s)]), direction, master)
@@ -247,7 +247,7 @@ class PatchGaps(Gaps):
         few = self.stage
         stage, gap = few.with_more_rows(self, q)
         self._go_to_stage(stage, q)
-        x_s, x_m = self.places(q)
+        x_s, x_m = self.sides.places(q, self.growing)
         beyond = (NEAR - 2 * SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
         velocities, accelerations = (self._of_nodes(q, rates) for rates in (q_t, q_tt))
         mean = velocities[1].mean(axis=0)
@@ -297,7 +297,7 @@ class PatchGaps(Gaps):
         The nodes of each side are moved by ways, (np, 3) [m], in the body's axes. Where contact wanders over a patch,
         only its near part is looked at.
         """
-        rows, _ = self.project(*self.dented(self.sides, q, ways))
+        rows, _ = self.project(*self.sides.dented(q, self.growing, ways))
         return rows.points.row_nodes, rows.gap
 
     @property
@@ -359,7 +359,7 @@ class PatchGaps(Gaps):
 
     def met_at(self, q: Array, points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
         """See `Pair.met_at`."""
-        return self.met(self.places(q), points)
+        return self.met(self.sides.places(q, self.growing), points)
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
         """See `Pair`.
@@ -368,7 +368,7 @@ class PatchGaps(Gaps):
         when they are apart again. So nothing depends on whether others asked for their gaps while they were apart.
         """
         self.searches += 1
-        places = self.places(q)
+        places = self.sides.places(q, self.growing)
         here = seen_from(places, self.witnesses)
         every, least = self.project(*places)
         near, at_least = (MET, 0.0) if self.anywhere else (NEAR, SEARCHED)

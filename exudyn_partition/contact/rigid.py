@@ -339,7 +339,7 @@ class RigidGaps(Gaps):
         """Stage of some rows where the slave and the surface's carrier are, and gaps, (nr,) [m]."""
         q, pose, growing = where.q, where.pose, where.growing
         if self.primitive is None or not loops.at_once():
-            return self._stage_at(rows, self.places_at(rows.sides, where), q, pose)
+            return self._stage_at(rows, rows.sides.places(q, growing), q, pose)
         (side,) = rows.sides
         x, points = side.places_begun(q, growing), rows.flat
         gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, growing, x)
@@ -351,7 +351,7 @@ class RigidGaps(Gaps):
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
-        (nodes,) = self.dented([self.whole], q, dents)
+        (nodes,) = Sides((self.whole,)).dented(q, self.growing, dents)
         gap, normals = self._seen.project(x := np.vstack([nodes, self._all.at(nodes)]))
         if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
             patch, every = self.whole.surface, np.arange(len(nodes))[:, None]

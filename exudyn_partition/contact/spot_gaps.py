@@ -166,7 +166,7 @@ class SpotGaps(Gaps):
         slave = self._makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
         rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, self._start_q), self._start_q)
+        stage, gap = self._stage_at(rows, rows.sides.places(self._start_q, self.growing), self._start_q)
         self._check_start(rows, stage, gap)
         self._start_rows = rows
         self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
@@ -232,7 +232,7 @@ class SpotGaps(Gaps):
         The rigid surface's carrier is at a pose, (12,).
         """
         poses = []
-        both = zip(self.sides, self._middles, self.sides.split(q), self._by_side(growing), strict=True)
+        both = zip(self.sides, self._middles, self.sides.split(q), self.sides.growths(growing), strict=True)
         for side, middle, part, products in both:
             place = replace(side, active=None).place(part, products).mean(axis=0)
             poses.append(Pose(place, middle, side.kinematics.frame(part)[1]))
@@ -389,7 +389,7 @@ class SpotGaps(Gaps):
         """
         if self.carried:
             return -np.inf
-        parts = zip(self._of_faces, self.sides.split(q), self.growing_sides, strict=True)
+        parts = zip(self._of_faces, self.sides.split(q), self.sides.growths(self.growing), strict=True)
         places = [side.seen.place(*part) for side, *part in parts]
         points = [maker.points[face.nodes] for maker, face in zip(self._makers, self.faces, strict=True)]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
@@ -474,10 +474,10 @@ class SpotGaps(Gaps):
             self._go_to_stage(self.stage, q)
             return self.stage.gap(q)
         pose, rows = self.carrier_pose, self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+        stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
         if not self._reaches(rows, stage.meeting):
             rows = self._rows_at(Anchor(q.copy(), pose, self.growing))
-            stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+            stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
         self._go_to_stage(stage, q)
         return gap
 
@@ -486,17 +486,17 @@ class SpotGaps(Gaps):
         if isinstance(self.stage, Frozen):
             return self.at(q)
         rows = self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
+        stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)
         self._go_to_stage(stage, q)
         return gap
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; it is the gap of the true surfaces."""
         rows = self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
+        stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)
         if not self._reaches(rows, stage.meeting):
             rows = self._rows_at(Anchor(q.copy(), self.carrier_pose, self.growing))
-            gap = self._stage_at(rows, self.places_of(rows.sides, q), q)[1]
+            gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)[1]
         return float(gap[0])
 
     def return_to(self, present: Present) -> None:
@@ -564,7 +564,7 @@ class SpotGaps(Gaps):
         if state.chosen is not None and not self.spot_rows.made_at.equals(state.chosen):
             rows = self._rows_at(state.chosen)
             q = self.present.q
-            stage = self._stage_at(rows, self.places_of(rows.sides, q), q)[0]
+            stage = self._stage_at(rows, rows.sides.places(q, self.growing), q)[0]
             self._put_stage(stage)
 
     def _gaps_in(self, state: GapState) -> Array:
@@ -572,7 +572,7 @@ class SpotGaps(Gaps):
         if not len(state.pose):
             return self.at(state.q)
         rows = self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, state.q), state.q, state.pose)
+        stage, gap = self._stage_at(rows, rows.sides.places(state.q, self.growing), state.q, state.pose)
         self._go_to_stage(stage, state.q)
         return gap
 
@@ -592,7 +592,7 @@ class SpotGaps(Gaps):
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         assert isinstance(rows, SpotRows)
-        stage = self._stage_at(rows, self.places_at(rows.sides, anchor), anchor.q, anchor.pose)[0]
+        stage = self._stage_at(rows, rows.sides.places(anchor.q, anchor.growing), anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage
 

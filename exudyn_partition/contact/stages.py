@@ -19,7 +19,6 @@ from ..surfaces.points import ContactPoints
 from ..surfaces.projection import Projection
 from . import loops
 from .linear_gaps import LinearGaps
-from .side import Side
 from .sides import Sides
 
 if TYPE_CHECKING:
@@ -46,6 +45,8 @@ class Pair(Protocol):
         Nodes that give the pose of each side.
     within : float
         Gap up to which rows are present at least, because forces may push them shut [m].
+    growing : (6 k,) array
+        See `Gaps`.
     """
 
     sides: Sides
@@ -54,16 +55,7 @@ class Pair(Protocol):
     within: float
     furthest: float
     witnesses: list[Array]
-
-    @property
-    def growing_sides(self) -> list[Array]:
-        """See `Gaps.growing_sides`."""
-
-    def places(self, q: Array) -> list[Array]:
-        """See `Gaps.places`."""
-
-    def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """See `Gaps.places_of`."""
+    growing: Array
 
     def sides_with(self, points: ContactPoints, facets: Array) -> Sides:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""

@@ -158,7 +158,7 @@ class TangentialRows:
         if not gaps.moving:
             return np.asarray(self._all_rows() @ (gaps.q - self._from.q)).reshape(-1, 3)[:, 1:]
         if self._places is None or self._places_of is not gaps.near_sides:  # other sides follow other nodes
-            self._places, self._places_of = gaps.places_at(gaps.sides, self._from), gaps.near_sides
+            self._places, self._places_of = gaps.sides.places(self._from.q, self._from.growing), gaps.near_sides
         now = gaps.places_now()
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]

@@ -99,7 +99,7 @@ class WanderingGaps(PatchGaps):
 
     def _seen(self, q: Array) -> Array:
         """Place of the slave relative to the master at coordinates q, (n,): (3, 3) [m]."""
-        parts = zip(self._three, self.sides.split(q), self.growing_sides, strict=True)
+        parts = zip(self._three, self.sides.split(q), self.sides.growths(self.growing), strict=True)
         places = [three.place(*part) for three, *part in parts]
         return seen_from(places, [_THREE, _THREE])
 
@@ -123,7 +123,7 @@ class WanderingGaps(PatchGaps):
 
     def least_distance(self, q: Array) -> float:
         """See `Gaps.least_distance`; by boxes around the sides, by nodes, or by the slave's points if they are near."""
-        places = self.places_of(self._start.rows.sides, q)
+        places = self._start.rows.sides.places(q, self.growing)
         lower, upper = ([pick(x, axis=0) for x in places] for pick in (np.min, np.max))
         between = np.maximum(np.maximum(lower[0] - upper[1], lower[1] - upper[0]), 0.0)
         apart = float(np.linalg.norm(between))
@@ -140,7 +140,7 @@ class WanderingGaps(PatchGaps):
     def _near_parts(self, q: Array) -> NearParts:
         sides = self._start.rows.sides
         slave, master = (
-            replace(side.surface, points=x) for side, x in zip(sides, self.places_of(sides, q), strict=True)
+            replace(side.surface, points=x) for side, x in zip(sides, sides.places(q, self.growing), strict=True)
         )
         return NearParts.of(slave, master, (LIMIT + WINDOW) * self.size)
 
@@ -161,7 +161,7 @@ class WanderingGaps(PatchGaps):
         if not len(near.nodes):
             return near.least
         sides, facets = self._start.rows.sides, (near.slave_facets, near.master_facets)
-        points, nodes_at = near.points(self._all), self.dented(sides, q, dents)
+        points, nodes_at = near.points(self._all), sides.dented(q, self.growing, dents)
         slave, master = (
             replace(side.surface, points=x, facets=side.surface.facets[some])
             for side, x, some in zip(sides, nodes_at, facets, strict=True)

@@ -428,7 +428,8 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
     """Share of a step, from coordinates `start` to `now`, (n,), after which the slave's patch is one facet deep."""
     gaps = contact.mechanics.for_run("static").gaps
     q_start, q = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (start, now))
-    moved = [(end - begin).mean(axis=0) for begin, end in zip(gaps.places(q_start), gaps.places(q), strict=True)]
+    places = (gaps.sides.places(at, gaps.growing) for at in (q_start, q))
+    moved = [(end - begin).mean(axis=0) for begin, end in zip(*places, strict=True)]
     way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.approach)
     allowed = max(gaps.surface_gap(q_start), 0.0) + contact.slave_facet_size
     return allowed / way if way > allowed else 1.0

@@ -136,7 +136,7 @@ def test_distances_of_faces_are_bounded_by_where_their_facets_are(corner_contact
     for contact in corner_contacts:
         gaps = contact.mechanics.gaps
         q = np.zeros(gaps.n)
-        both = zip(gaps.places_of(gaps.sides, q), gaps.faces, strict=True)
+        both = zip(gaps.sides.places(q), gaps.faces, strict=True)
         first, second = (places[np.unique(face.facets)] for places, face in both)
         distance = cKDTree(first).query(second)[0].min()
         least = gaps.least_distance(q)

@@ -32,7 +32,7 @@ def adapted(pair_of):
 
 def held_gap(gaps, q):
     """Gaps with the pairs and normals of the start, from where the nodes are."""
-    shares = zip(gaps.shares, gaps.places(q), strict=True)
+    shares = zip(gaps.shares, gaps.sides.places(q), strict=True)
     way = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in shares)
     gap = np.einsum("pd,pd->p", way, gaps.normals)
     return gaps.points.average(gap)

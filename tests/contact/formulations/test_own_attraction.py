@@ -112,7 +112,7 @@ def test_rows_within_reach_are_present(marble, flat_body, frame):
     q = np.hstack([item.coordinates(result) for item in items])
     gaps = contact.mechanics.gaps.fresh()
     for sample in range(0, len(q), 25):
-        rows, _ = gaps.project(*gaps.places(q[sample]))
+        rows, _ = gaps.project(*gaps.sides.places(q[sample]))
         right = -(rows.points.area @ traction(rows.gap))
         assert force[sample] == pytest.approx(right, rel=1e-3, abs=2e-3 * abs(force).max())
     assert abs(energy_by_start(items, contact, result) - 1).max() < 1e-3
