@@ -205,7 +205,8 @@ class FollowedPair:
         present: object = stage if isinstance(stage, Frozen) else stage.rows
         if present == self._stage:
             return
-        self._stage, self._slots = present, self.gaps.slots
+        self._stage = present
+        self._slots = self.gaps.all_points.rows_of(stage.rows.row_nodes)
         self.take_rows(stage)
         if self._loops is not None:
             self.compiled = self._for_loops(stage)

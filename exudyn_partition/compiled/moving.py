@@ -355,7 +355,7 @@ def can_follow(gaps: Gaps) -> bool:
 
 def rows_of(gaps: Gaps) -> Array:
     """The slave's patch nodes of the rows that a plan has of a contact, (n,): if pairs are followed, of all rows."""
-    return gaps.all_nodes if isinstance(gaps, PatchGaps) and gaps.moving else gaps.row_nodes
+    return gaps.all_points.row_nodes if isinstance(gaps, PatchGaps) and gaps.moving else gaps.row_nodes
 
 
 def frames_of(bodies: Sequence[Turning]) -> Frames:

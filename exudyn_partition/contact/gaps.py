@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..algebra.products import joined, largest_change
 from ..algebra.sparse.skin_flexibility import Flexibility
@@ -27,6 +26,7 @@ from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.rows import directed_matrix
 from . import loops
+from .carrier import Carrier
 from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side
 from .sides import Sides
@@ -50,7 +50,7 @@ class GapState:
     q : (n,) array
         Coordinates of all sides.
     pose : (12,) array
-        `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+        `Carrier.pose`; empty if no body carries a rigid surface.
     anchor : Anchor or None
         Where the flexibility of the rows was found; None if it was not yet.
     frozen : (n,) array or None
@@ -120,6 +120,8 @@ class Gaps:
         Number of searches for the pairs of all points since the start of the run.
     carried : bool
         Whether an Exudyn body carries the rigid surface.
+    carrier : Carrier
+        What carries it.
     between : (d np, d np) array, SkinBlock or None
         Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
     clearance : float
@@ -141,6 +143,8 @@ class Gaps:
         an input, as the pose of the carrier. Empty if none does.
     within : float
         Gap up to which rows are present at least, because forces may push them shut [m]: a guess, see `follow_pushed`.
+    all_points : ContactPoints
+        Points of all rows of the slave's patch, whether they are present or not.
     accepted : GapState
         State at the end of the last accepted step. Each try of a step begins from it.
     """
@@ -152,6 +156,7 @@ class Gaps:
     approach: Array
     faced: bool = True
     carried: bool = False
+    carrier: Carrier = Carrier()
     between: Flexibility | None = None
     clearance: float
     pressed: bool = False
@@ -163,12 +168,10 @@ class Gaps:
     anchor: Anchor | None = None
     growing: Array = NOTHING
     within: float = 0.0
+    all_points: ContactPoints
     accepted: GapState
     _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
     _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
-    _pose: Callable[[], tuple[Array, Array]] | None = None  # of the body that carries the rigid surface
-    _motion: Callable[[], tuple[Array, Array]] | None = None
-    _all: ContactPoints  # of the slave
     _start: Stage
     _loaded: dict[int, LoadedNodes]
     _start_q: Array
@@ -389,26 +392,8 @@ class Gaps:
 
     @property
     def evaluated_pose(self) -> Array:
-        """`carrier_pose` at the last evaluation of the gaps."""
+        """`Carrier.pose` at the last evaluation of the gaps."""
         return self.stage.pose
-
-    @property
-    def carrier_pose(self) -> Array:
-        """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if no body carries it."""
-        if self._pose is None:
-            return NOTHING
-        place, axes = self._pose()
-        return np.concatenate([place, axes.ravel()])
-
-    @property
-    def carrier_motion(self) -> Array:
-        """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s]."""
-        return NOTHING if self._motion is None else np.concatenate(self._motion())
-
-    @property
-    def constant_rows(self) -> object:
-        """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
-        return self.frozen_stage
 
     @property
     def linear(self) -> LinearGaps | None:
@@ -432,33 +417,6 @@ class Gaps:
     def slave(self) -> Side:
         """The side whose points must not penetrate."""
         return self.sides[0]
-
-    @property
-    def n_all(self) -> int:
-        """Number of rows of the whole patch."""
-        return len(self._all.row_nodes)
-
-    @property
-    def all_nodes(self) -> Array:
-        """(n_all,) int array: node of the slave's patch for each row of the whole patch."""
-        return self._all.row_nodes
-
-    @property
-    def slots(self) -> Array:
-        """(nr,) int array: numbers of the present rows among those of the whole patch."""
-        return np.searchsorted(self.all_nodes, self.row_nodes)
-
-    @property
-    def node_areas(self) -> Array:
-        """(np,) array: area of the row of each node of the slave's patch [m2]; zero without a row, or on an edge."""
-        areas = np.zeros(len(self.slave.surface.points))
-        areas[self._all.row_nodes] = self._all.area
-        return areas
-
-    @property
-    def node_pressures(self) -> sp.csr_matrix:
-        """(np, np) csr matrix from forces of the rows to pressures around the nodes of the slave's patch [1/m2]."""
-        return self._all.pressures
 
     def exchange_flexibility(self, flexibility: Sequence[Flexibility | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
@@ -524,8 +482,8 @@ class Gaps:
         gap = self.at(q)
         H = self.jacobian(np.arange(len(gap)))
         rate = H @ q_t
-        if self._motion is not None:  # the accelerations of the surface's carrier are not known here
-            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
+        if self.carried:  # the accelerations of the surface's carrier are not known here
+            rate = rate + self.carrier.rows(self.stage, self.places_now()[0]) @ self.carrier.motion
         return gap, rate, H @ q_tt
 
     def widen(self, q: Array) -> Array:
@@ -566,10 +524,6 @@ class Gaps:
             G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
             parts.append(side.on_coordinates(side_q, mean @ G))
         return joined(parts)
-
-    def carrier_rows(self, index: Array) -> Array:
-        """Derivative of gap rates of some rows with respect to the velocities of the surface's carrier, (na, 6)."""
-        raise NotImplementedError
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""

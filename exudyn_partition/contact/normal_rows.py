@@ -39,7 +39,8 @@ class NormalRows:
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of gap rates with respect to the velocities of the surface's carrier, (na, 6)."""
-        return self.gaps.carrier_rows(index)
+        gaps = self.gaps
+        return gaps.carrier.rows(gaps.stage, gaps.places_now()[0])[index]
 
     def rates(self, q_t: Array) -> Array:
         """See `rates_of`."""
@@ -179,5 +180,5 @@ def rates_of(rows: Any, q_t: Array) -> Array:
     everything = np.arange(len(rows.gaps.row_nodes))
     rates = rows.jacobian(everything) @ q_t
     if rows.gaps.carried:
-        rates = rates + rows.carrier_rows(everything) @ rows.gaps.carrier_motion
+        rates = rates + rows.carrier_rows(everything) @ rows.gaps.carrier.motion
     return np.asarray(rates).reshape(-1, rows.d)

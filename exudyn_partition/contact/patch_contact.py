@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP, STICK
@@ -591,16 +590,6 @@ class PatchContact:
             self.gaps.yield_by(shares(self.parts.betas, end - self.since))
 
     # Results.
-
-    @property
-    def node_areas(self) -> Array:
-        """Area of the row of each node of the slave's patch, (np,) [m2]; zero for a node without a row."""
-        return self.gaps.node_areas
-
-    @property
-    def node_pressures(self) -> sp.csr_matrix:
-        """Matrix from forces of the rows to pressures around the nodes of the slave's patch, (np, np) [1/m2]."""
-        return self.gaps.node_pressures
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps until forces begin, rates and accelerations of an open contact, see `Gaps.closing`."""

@@ -79,7 +79,7 @@ class PatchGaps(Gaps):
         self._pairing = pairing
         centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
         self.sides = Sides((slave.seen_from(centre), master.seen_from(centre)))
-        self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
+        self.all_points, self._start_q, self._loaded = pairing.points, pairing.pose, {}
         self.faced = not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
         self.furthest = NEAR * self.size
@@ -236,7 +236,7 @@ class PatchGaps(Gaps):
         x_s, x_m = self.sides.dented(q, self.growing, dents)
         direction = replace(self.slave.surface, points=x_s).normal_here
         master = replace(self.sides[1].surface, points=x_m)
-        projection = closest_met(np.vstack([x_s, self._all.at(x_s)]), direction, master)
+        projection = closest_met(np.vstack([x_s, self.all_points.at(x_s)]), direction, master)
         return float(projection.gap[facing(projection, direction, self.size, ALONG_LINE)].min(initial=np.inf))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
@@ -338,10 +338,10 @@ class PatchGaps(Gaps):
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        projection = self._projection(self._all, slave, master)
+        projection = self._projection(self.all_points, slave, master)
         paired = facing(projection, slave.normal_here, self.size, ALONG_LINE)
         least = projection.gap[paired].min(initial=np.hypot(projection.gap, projection.offset).min())
-        return rows_of(self._all, projection, paired, slave, master, self.approach), float(least)
+        return rows_of(self.all_points, projection, paired, slave, master, self.approach), float(least)
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""

@@ -15,6 +15,7 @@ from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints, RowKind
 from . import loops
+from .carrier import Carrier
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
 from .pairings import points_of, values_on_plane
@@ -239,7 +240,7 @@ class RigidGaps(Gaps):
         *,
         pressed: bool = False,
     ) -> None:
-        self.surface, self._pose, self._motion = surface, pose, motion
+        self.surface, self.carrier = surface, Carrier(pose, motion)
         self.carried, self._seen = pose is not None, surface
         if isinstance(surface, RigidPlane) and pose is None:
             middle = slave.surface.points.mean(axis=0)
@@ -248,7 +249,7 @@ class RigidGaps(Gaps):
         self.primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
         self.sides = Sides((slave,))
         self.size = slave.surface.facet_size
-        self._all = points_of(slave, kind)
+        self.all_points = points_of(slave, kind)
         self._start_q, self._loaded = np.zeros(self.n), {}
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
         self._go_to_stage(self._start, self._start_q)
@@ -277,12 +278,12 @@ class RigidGaps(Gaps):
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
-        gap, normals = self._projected(self._all.at(self.whole.surface.points - self.centre), self.carrier_pose)
-        return self._all, normals, self._all.average(gap)
+        gap, normals = self._projected(self.all_points.at(self.whole.surface.points - self.centre), self.carrier.pose)
+        return self.all_points, normals, self.all_points.average(gap)
 
     def _rows_at_start(self) -> PresentRows:
         """Rows at the start."""
-        return self._rows(self._all)
+        return self._rows(self.all_points)
 
     def _rows(self, points: ContactPoints) -> PresentRows:
         at_rim = np.isin(points.row_nodes, self.slave.surface.rim)
@@ -295,7 +296,7 @@ class RigidGaps(Gaps):
 
         `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
         """
-        pose, points = self.carrier_pose if pose is None else pose, rows.points
+        pose, points = self.carrier.pose if pose is None else pose, rows.points
         gap, normals = self._projected(x := points.at(places[0]), pose)
         if isinstance(self.surface, RigidMesh) and gap.min(initial=0.0) < 0.0:
             outward = self.slave.surface.normals_at(points.nodes, points.weights)
@@ -311,11 +312,6 @@ class RigidGaps(Gaps):
         stage.places, stage.pose = places, pose
         return stage, rows.points.average(gap)
 
-    @property
-    def constant_rows(self) -> object:
-        """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
-        return self if self.slave.normal_only else super().constant_rows
-
     def _go_to_start(self) -> None:
         """See `Gaps`."""
         self._put_stage(self._start.again())
@@ -327,7 +323,7 @@ class RigidGaps(Gaps):
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
             self._go_to_stage(stage, q)
             return stage.gap(q)
-        return self._gaps_at(q, self.carrier_pose)
+        return self._gaps_at(q, self.carrier.pose)
 
     def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
@@ -352,10 +348,10 @@ class RigidGaps(Gaps):
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
         (nodes,) = Sides((self.whole,)).dented(q, self.growing, dents)
-        gap, normals = self._seen.project(x := np.vstack([nodes, self._all.at(nodes)]))
+        gap, normals = self._seen.project(x := np.vstack([nodes, self.all_points.at(nodes)]))
         if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
             patch, every = self.whole.surface, np.arange(len(nodes))[:, None]
-            carriers = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
+            carriers = (every, np.ones(every.shape)), (self.all_points.nodes, self.all_points.weights)
             gap = self._entered(
                 x, np.vstack([patch.normals_at(*carrier) for carrier in carriers]), q, NOTHING, gap, normals
             )[0]
@@ -370,14 +366,6 @@ class RigidGaps(Gaps):
         """See `Gaps.moment`."""
         stage = self.stage
         return stage.moment(lam, point - self.centre) if isinstance(stage, OnRigid) else super().moment(lam, point)
-
-    def carrier_rows(self, index: Array) -> Array:
-        """Derivative of gap rates, (na, 6), with respect to velocity and angular velocity of the surface's carrier."""
-        if self._pose is None:
-            raise InputError("carrier_rows: nothing carries the surface")
-        arms = self.points.at(self.places_now()[0]) - self._pose()[0]
-        rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
-        return self.points.average(rows)[index]
 
     def stance(self) -> Array:
         """See `Gaps.stance`."""
@@ -397,7 +385,7 @@ class RigidGaps(Gaps):
     def _projected(self, x: Array, pose: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and normals in space, (k, 3), at points, (k, 3) [m], from the centre.
 
-        `pose` is `carrier_pose`.
+        `pose` is `Carrier.pose`.
         """
         if self.primitive is not None and loops.at_once():
             return loops.projected(self.primitive, x, pose)

@@ -28,6 +28,7 @@ from ..support.attributes import FoundOnce
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
+from .carrier import Carrier
 from .gaps import Gaps, GapState, Present
 from .linear_gaps import LinearGaps
 from .nearest_faces import NearestFaces
@@ -116,7 +117,7 @@ class SpotGaps(Gaps):
         *,
         faces: Sequence[SmoothFace],
     ) -> None:
-        self._surface, self._pose, self._motion = surface, pose, motion
+        self._surface, self.carrier = surface, Carrier(pose, motion)
         self.carried = pose is not None
         self.faces = tuple(faces)
         self._nearest = NearestFaces.of(sides, patches, surface, faces)
@@ -160,22 +161,22 @@ class SpotGaps(Gaps):
         self._middles = [maker.points.mean(axis=0) for maker in self._makers]
         self._loaded = {}
         self._start_q = np.zeros(self.n)
-        meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier_pose))
+        meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier.pose))
         if not self.carried:
             self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
         slave = self._makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
-        rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
+        rows = self._rows_at(Anchor(self._start_q, self.carrier.pose, NOTHING))
         stage, gap = self._stage_at(rows, rows.sides.places(self._start_q, self.growing), self._start_q)
         self._check_start(rows, stage, gap)
         self._start_rows = rows
-        self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
+        self.all_points, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
         self._go_to_stage(self._start, self._start_q)
 
     def _contact_place(self, meeting: Meeting) -> Array:
         """Place of the point of contact on the slave at the start, (3,) [m]."""
-        return self._rough_poses(self._start_q, self.carrier_pose)[0].out(meeting.points[0])
+        return self._rough_poses(self._start_q, self.carrier.pose)[0].out(meeting.points[0])
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         """Raise if the spots cannot be computed, or if the true surfaces overlap at the start."""
@@ -294,7 +295,7 @@ class SpotGaps(Gaps):
 
         `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
         """
-        pose = self.carrier_pose if pose is None else pose
+        pose = self.carrier.pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         meeting, owners = self._where(rows, self._poses(places, weights, rows, axes, pose))
@@ -396,7 +397,7 @@ class SpotGaps(Gaps):
         poses = [Pose(x.mean(axis=0), X.mean(axis=0), turn) for x, X, turn in zip(places, points, axes, strict=True)]
         both = zip(poses, points, places, strict=True)
         deformed = sum(float(np.linalg.norm(pose.out(X) - x, axis=1).max()) for pose, X, x in both)
-        whole = self._all_poses(poses, self.carrier_pose)
+        whole = self._all_poses(poses, self.carrier.pose)
         least = self._nearest.meeting(whole).gap - deformed
         if len(places) > 1:
             least = max(least, hull_distance(*places) - sum(map(self._reach_of, self._makers)))
@@ -473,7 +474,7 @@ class SpotGaps(Gaps):
         if isinstance(self.stage, Frozen):
             self._go_to_stage(self.stage, q)
             return self.stage.gap(q)
-        pose, rows = self.carrier_pose, self.spot_rows
+        pose, rows = self.carrier.pose, self.spot_rows
         stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
         if not self._reaches(rows, stage.meeting):
             rows = self._rows_at(Anchor(q.copy(), pose, self.growing))
@@ -495,7 +496,7 @@ class SpotGaps(Gaps):
         rows = self.spot_rows
         stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)
         if not self._reaches(rows, stage.meeting):
-            rows = self._rows_at(Anchor(q.copy(), self.carrier_pose, self.growing))
+            rows = self._rows_at(Anchor(q.copy(), self.carrier.pose, self.growing))
             gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)[1]
         return float(gap[0])
 
@@ -595,17 +596,6 @@ class SpotGaps(Gaps):
         stage = self._stage_at(rows, rows.sides.places(anchor.q, anchor.growing), anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage
-
-    # The body that carries a rigid surface.
-
-    def carrier_rows(self, index: Array) -> Array:
-        """See `Gaps.carrier_rows`."""
-        if self._pose is None:
-            raise InputError("carrier_rows: nothing carries the surface")
-        nodes, weights = self.shares[0]
-        arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
-        normal = self.normals[0]
-        return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
 
 
 def _turning(places: Array, couple: Array) -> Array:

@@ -82,7 +82,7 @@ class Anchor:
     q : (n,) array
         Coordinates of all sides.
     pose : (12,) array
-        `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+        `Carrier.pose`; empty if no body carries a rigid surface.
     growing : (6 k,) array
         `Gaps.growing` of the k sides; empty if none grows.
     """
@@ -212,7 +212,7 @@ class Stage:
     here : (3, 3) array
         Place of the slave relative to the master [m], see `witnesses.seen_from`; zero if nothing depends on it.
     pose : (12,) array
-        `Gaps.carrier_pose` when the gaps were found; empty if no body carries the surface.
+        `Carrier.pose` when the gaps were found; empty if no body carries the surface.
     places : list of arrays or None
         Places of the followed nodes, (np, 3) for each side [m], if they were found together with the gaps.
     of_anchor : bool

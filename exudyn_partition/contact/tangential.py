@@ -346,13 +346,12 @@ class TangentialRows:
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows with respect to the velocities of the surface's carrier, (3 na, 6)."""
         gaps = self.gaps
-        if len(gaps.carrier_pose) == 0:
-            raise InputError("carrier_rows: nothing carries the surface")
-        arms = self._offsets(gaps.places_now())[index] - gaps.carrier_pose[:3]
+        of_normals = gaps.carrier.rows(gaps.stage, gaps.places_now()[0])[index]
+        arms = self._offsets(gaps.places_now())[index] - gaps.carrier.pose[:3]
         along = self.tangents[index]
         turning = np.cross(arms[:, None, :], along)
         of_tangents = -np.concatenate([along, turning], axis=2).swapaxes(0, 1).reshape(-1, 6)
-        return np.asarray(_interleaved(gaps.carrier_rows(index), of_tangents))
+        return np.asarray(_interleaved(of_normals, of_tangents))
 
     def at_points(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], from forces along the directions of rows, (nr, 3)."""

@@ -113,7 +113,7 @@ class WanderingGaps(PatchGaps):
         near, here = self._near_parts(q), self._seen(q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)
         if not self._apart_by_far:
-            self._near_points = near.points(self._all)
+            self._near_points = near.points(self.all_points)
         both = zip(self._start.rows.sides, (near.slave_facets, near.master_facets), self.witnesses, strict=True)
         self.sides = Sides(side.part(facets, witnesses) for side, facets, witnesses in both)
         self._loaded = {}
@@ -132,7 +132,7 @@ class WanderingGaps(PatchGaps):
         near = self._near_parts(q)
         if not len(near.nodes):
             return near.least
-        sides, points = self._start.rows.sides, near.points(self._all)
+        sides, points = self._start.rows.sides, near.points(self.all_points)
         master = places[1][sides[1].surface.facets[near.master_facets]]
         closest = closest_points(points.at(places[0]), master)
         return float(np.hypot(closest.gap, closest.offset).min(initial=near.least if not len(points.nodes) else np.inf))
@@ -161,7 +161,7 @@ class WanderingGaps(PatchGaps):
         if not len(near.nodes):
             return near.least
         sides, facets = self._start.rows.sides, (near.slave_facets, near.master_facets)
-        points, nodes_at = near.points(self._all), sides.dented(q, self.growing, dents)
+        points, nodes_at = near.points(self.all_points), sides.dented(q, self.growing, dents)
         slave, master = (
             replace(side.surface, points=x, facets=side.surface.facets[some])
             for side, x, some in zip(sides, nodes_at, facets, strict=True)
@@ -224,7 +224,7 @@ class WanderingRigidGaps(RigidGaps):
     def _rows_at_start(self) -> PresentRows:
         """See `RigidGaps`. It also keeps the whole patch, and points that witness its motion."""
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
-        gap = self._projected(self.slave.surface.points - self.centre, self.carrier_pose)[0]
+        gap = self._projected(self.slave.surface.points - self.centre, self.carrier.pose)[0]
         return self._rows_of(np.flatnonzero(gap <= gap.min() + SOON * self.size))
 
     def _direction(self, node: int) -> Array:
@@ -232,7 +232,7 @@ class WanderingRigidGaps(RigidGaps):
         return direction
 
     def _rows_of(self, nodes: Array) -> ChosenRows:
-        rows = self._rows(self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0])
+        rows = self._rows(self.all_points.of_rows(np.isin(self.all_points.row_nodes, nodes))[0])
         return ChosenRows(rows.points, rows.leaves_at, rows.sides)
 
     def return_to(self, present: Present) -> None:
@@ -260,7 +260,7 @@ class WanderingRigidGaps(RigidGaps):
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
-        choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
+        choice, pose, rows = self._choice, self.carrier.pose, self.stage.rows
         if choice is not None:
             stage, gap, is_near = self._placed_as_chosen(rows, Anchor(q, pose, self.growing), choice)
             if is_near:
@@ -294,7 +294,7 @@ class WanderingRigidGaps(RigidGaps):
         by_nodes = float(self._projected(places, NOTHING)[0].min()) - NODE_TO_FACET * self._whole.surface.longest
         if by_nodes > _FAR * self.size:
             return by_nodes
-        return float(self._projected(self._all.at(places), NOTHING)[0].min())
+        return float(self._projected(self.all_points.at(places), NOTHING)[0].min())
 
     def _here(self, places: Array, pose: Array) -> Array:
         """Places of three nodes relative to the surface, (3, 3) [m].
@@ -327,9 +327,9 @@ class WanderingRigidGaps(RigidGaps):
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
         kinematics = self._whole.kinematics
         velocity = kinematics.velocities(q, q_t)
-        if self._pose is not None and self._motion is not None:
-            moving, turning = self._motion()
-            velocity = velocity - moving - np.cross(turning, kinematics.place(q, self.growing) - self._pose()[0])
+        if self.carried:
+            motion, arms = self.carrier.motion, kinematics.place(q, self.growing) - self.carrier.pose[:3]
+            velocity = velocity - motion[:3] - np.cross(motion[3:], arms)
         speed = float(np.linalg.norm(velocity, axis=1).max())
         beyond = np.inf if self._choice is None else self._choice.beyond
         return np.append(gap, beyond), np.append(rate, -speed), np.append(acceleration, 0.0)

@@ -58,7 +58,7 @@ class Measures:
         if rows.moving:  # their normals are those of the peak; threads may work with others
             rows = rows.fresh()
             rows.at(made.peaks.q[j][self._coordinates[j]])
-        return AtPeak(rows, lam if len(lam) == len(rows.row_nodes) else lam[rows.slots])
+        return AtPeak(rows, lam if len(lam) == len(rows.row_nodes) else lam[rows.all_points.rows_of(rows.row_nodes)])
 
     def of(
         self, entry: int, bodies: Bodies, made: Histories, peaks: Sequence[AtPeak | None]

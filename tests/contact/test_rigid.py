@@ -70,7 +70,9 @@ def test_rows_change_with_the_motion_of_the_carrier(round_body, surface):
     every = np.arange(len(gaps.at(q)))
     rows.record_places()
     found = (rows.carrier_rows(every) @ np.r_[v, w]).reshape(-1, 3)
-    np.testing.assert_allclose(found[:, 0], gaps.carrier_rows(every) @ np.r_[v, w], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found[:, 0], gaps.carrier.rows(gaps.stage, gaps.places_now()[0]) @ np.r_[v, w], rtol=0, atol=1e-12
+    )
     np.testing.assert_allclose(rows.rates(np.zeros(len(q))), found, rtol=0, atol=1e-12)
     _, rate, _ = gaps.closing(q, np.zeros(len(q)), np.zeros(len(q)))
     np.testing.assert_allclose(rate[: len(every)], found[:, 0], rtol=0, atol=1e-12)

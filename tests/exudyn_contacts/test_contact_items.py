@@ -91,7 +91,7 @@ def test_what_a_contact_reports(mbs, marble, rows, first_gap):
     top = int(force.argmax())
     if rows == "integrated":
         np.testing.assert_allclose(
-            contact.pressure(result)[top] @ contact.mechanics.gaps.node_areas, force[top], rtol=1e-12
+            contact.pressure(result)[top] @ contact.mechanics.gaps.all_points.node_areas, force[top], rtol=1e-12
         )
     radius = contact.radius(result)[top]
     effective = 1 / (1 / R + 1 / 0.02)

@@ -84,10 +84,10 @@ def pressed(fems, bodies, options):
             "xy": places.tolist(),
             "pressure": list(p / exact),
         }
-    row_force = np.zeros(len(law.node_areas))
+    row_force = np.zeros(len(law.gaps.all_points.node_areas))
     row_force[law.gaps.row_nodes] = law.evaluation.lam
-    p = law.node_pressures @ row_force / exact
-    own = np.flatnonzero(np.diff(law.node_pressures.indptr))
+    p = law.gaps.all_points.pressures @ row_force / exact
+    own = np.flatnonzero(np.diff(law.gaps.all_points.pressures.indptr))
     found["pressure_of_rows_rms"] = np.sqrt(np.mean((p[own] - 1) ** 2))
     return found
 

@@ -180,7 +180,7 @@ class ContactHistory:
         if (axes := self.contact.mechanics.law.semi_axes(float(self.force[sample]))) is not None:
             return math.sqrt(math.prod(axes))
         nodes, forces = self.rows.at_sample(sample)
-        return math.sqrt(float(self.contact.mechanics.node_areas[nodes[forces > 0]].sum()) / math.pi)
+        return math.sqrt(float(self.contact.mechanics.gaps.all_points.node_areas[nodes[forces > 0]].sum()) / math.pi)
 
 
 @dataclass(frozen=True, eq=False)
