@@ -15,11 +15,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..contact.followed import BULGE, NEAR, WIDER, Apart, Followed
-from ..contact.gaps import GapState, Present
+from ..contact.gaps import GapState
 from ..contact.loops import flat_pair
 from ..contact.patch_gaps import PATIENCE, ROOM, PatchGaps
 from ..contact.side import Side
-from ..contact.stages import NOTHING, Anchor, Frozen, Stage
+from ..contact.stages import NOTHING, Anchor, Frozen, Present, Stage
 from ..contact.wandering import WanderingGaps
 from ..support.arrays import Array
 from ..surfaces.holders import FOLLOWED
@@ -309,7 +309,7 @@ class FollowedPair:
 
     def watch_edge(self, values: Array, h: Array, lam: Array, q: Array) -> None:
         """See `moving_kernels.watch_edges`; `values`, `h` and `lam` are of all contacts, and of all their rows."""
-        state, leaves_at = self._anchors, self.gaps.leaves_at
+        state, leaves_at = self._anchors, self.gaps.stage.rows.leaves_at
         if not state.left[self.s] and values[self.contact, 1] > 0.0:
             depth, pushed = -h[self._rows][self._slots], lam[self._rows][self._slots] > 0.0
             if (pushed & ((leaves_at == 0.0) | (depth >= leaves_at))).any():

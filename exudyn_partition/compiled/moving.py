@@ -350,7 +350,7 @@ def can_follow(gaps: Gaps) -> bool:
         return False
     if isinstance(gaps, RigidGaps):
         return not gaps.carried and gaps.primitive is not None and not gaps.slave.surface.wanders
-    return isinstance(gaps, PatchGaps) and gaps.between is None and not gaps.on_demand
+    return isinstance(gaps, PatchGaps) and gaps.between is None and not gaps.sides.on_demand
 
 
 def rows_of(gaps: Gaps) -> Array:
@@ -386,7 +386,7 @@ def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
     primitives, sizes, axes = list[Primitive](), list[tuple[int, ...]](), list[Array]()
     numbers, indices = [list[Array]() for _ in range(8)], [list[Array]() for _ in range(3)]
     for _, _, _, gaps, (fields,) in contacts:
-        (side,), points, motion = gaps.sides, gaps.points, gaps.slave.seen
+        (side,), points, motion = gaps.sides, gaps.stage.rows.points, gaps.slave.seen
         assert isinstance(gaps, RigidGaps)
         assert gaps.primitive is not None
         primitives.append(gaps.primitive)
@@ -427,7 +427,7 @@ def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
     """Where contacts with rigid surfaces found their flexibility; n is the number of the model's coordinates."""
     ns = len(contacts)
     anchored, q, growing = np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((ns, 12))
-    along = [np.zeros((len(contact.gaps.points.nodes), 3)) for contact in contacts]
+    along = [np.zeros((len(contact.gaps.stage.rows.points.nodes), 3)) for contact in contacts]
     for s, contact in enumerate(contacts):
         if (anchor := contact.gaps.anchor) is not None:
             anchored[s], q[s, contact.dofs], growing[s, : len(anchor.growing)] = True, anchor.q, anchor.growing
@@ -453,7 +453,7 @@ def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
 
 def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
     """Anchors at coordinates of the model, (nq,): those of a model that is placed there."""
-    along = [np.zeros((len(contact.gaps.points.nodes), 3)) for contact in contacts]
+    along = [np.zeros((len(contact.gaps.stage.rows.points.nodes), 3)) for contact in contacts]
     for s, contact in enumerate(contacts):
         if not contact.gaps.slave.normal_only:
             there = contact.gaps.fresh()  # threads may work with others

@@ -55,6 +55,6 @@ class Carrier:
             Of the slave's nodes [m]; beside a surface that is carried, they count from the origin.
         """
         if self._find_pose is None:
-            raise InputError("carrier_rows: nothing carries the surface")
+            raise InputError("carrier: nothing carries the surface")
         arms = at_points(*stage.shares[0], places) - self.pose[:3]
         return stage.rows.points.average(-np.hstack([stage.normals, np.cross(arms, stage.normals)]))

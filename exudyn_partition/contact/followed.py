@@ -18,6 +18,7 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..algebra.vectors import triangle_frame
+from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from ..surfaces.holders import FOLLOWED
@@ -27,7 +28,7 @@ from ..surfaces.rows import ContactRows
 from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
 from .sides import Sides
-from .stages import NOTHING, Pair, PresentRows, Shares, Stage
+from .stages import FEW, NOTHING, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed as CompiledRows
@@ -232,21 +233,22 @@ class Followed(Stage):
             self._shares = (points.nodes, points.weights), (nodes, -weights)
         return self._shares
 
-    def nodal_forces(self, lam: Array) -> list[Array] | None:
+    def nodal_forces(self, lam: Array) -> list[Array]:
         """See `Stage.nodal_forces`; one compiled call."""
-        n_nodes = (len(side.surface.points) for side in self.rows.sides)
-        return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
+        n_nodes, pairs = (len(side.surface.points) for side in self.rows.sides), self.rows.search.pairs
+        at_once = pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
+        return super().nodal_forces(lam) if at_once is None else at_once
 
-    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
         """See `Stage.acted`; one compiled call."""
         if not (self._newest and self.rows.flattens):
-            return None
+            return super().acted(lam, q)
         return loops.pushed_pairs(self.rows.flat_pair, lam, self.normals, q)
 
-    def some_rows(self, index: Array, q: Array) -> Array | None:
-        """See `Stage.some_rows`; one compiled call."""
-        if not (self._newest and self.rows.flattens):
-            return None
+    def jacobian(self, index: Array, q: Array) -> Rows:
+        """See `Stage.jacobian`; one compiled call for few rows."""
+        if len(index) > FEW or not (self._newest and self.rows.flattens):
+            return super().jacobian(index, q)
         return loops.pair_rows(self.rows.flat_pair, index, self.normals, q, len(self.rows.area))
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:

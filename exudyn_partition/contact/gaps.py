@@ -15,22 +15,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..algebra.products import joined, largest_change
+from ..algebra.products import largest_change
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..errors import InputError
 from ..frames.kinematics import Rows
-from ..frames.rotations import total_moment
 from ..support.arrays import Array
 from ..support.attributes import copied
-from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
-from ..surfaces.rows import directed_matrix
-from . import loops
 from .carrier import Carrier
-from .linear_gaps import LinearGaps
 from .side import LoadedNodes, Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Shares, Stage, T
+from .stages import NOTHING, Anchor, Present, PresentRows, Stage, T
 
 if TYPE_CHECKING:
     from typing import Self
@@ -73,30 +68,6 @@ class GapState:
     stood: Array | None = None
     steps: int = 0
     growing: Array = field(default_factory=lambda: NOTHING)
-
-
-@dataclass(slots=True, eq=False)
-class Present:
-    """Where the rows of a contact are.
-
-    Parameters
-    ----------
-    stage : Stage
-    q : (n,) array
-        Coordinates of all sides.
-    places : list of (np, 3) arrays or None
-        Places of the nodes that are followed [m]; None until somebody asks.
-    anchor : Anchor or None
-        Where the flexibility was found that the rows have here; None until somebody asks.
-    growing : (6 k,) array
-        `Gaps.growing` of the k sides here; empty if none grows.
-    """
-
-    stage: Stage
-    q: Array
-    places: list[Array] | None
-    anchor: Anchor | None
-    growing: Array
 
 
 class Gaps:
@@ -197,7 +168,7 @@ class Gaps:
         """Go back to where the sides are placed."""
         self.anchor, self.growing = None, NOTHING
         self._go_to_start()
-        self.accepted = GapState(self.present.q, self.evaluated_pose)
+        self.accepted = GapState(self.present.q, self.stage.pose)
         self.accepted = self.after()
 
     def _go_to_start(self) -> None:
@@ -209,7 +180,7 @@ class Gaps:
     def after(self) -> GapState:
         """State after a step that ends in the last evaluation."""
         present = self.present
-        return GapState(present.q, self.evaluated_pose, self.anchor, self._frozen_at(), growing=present.growing)
+        return GapState(present.q, self.stage.pose, self.anchor, self._frozen_at(), growing=present.growing)
 
     def _frozen_at(self) -> Array | None:
         """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
@@ -314,7 +285,7 @@ class Gaps:
     def _put_stage(self, stage: Stage) -> None:
         """Go to another stage at the same coordinates."""
         present = self.present
-        self.return_to(Present(stage, present.q, present.places, self.anchor, present.growing))
+        self.return_to(Present(stage, present.q, present.known, self.anchor, present.growing))
 
     @property
     def moving(self) -> bool:
@@ -337,11 +308,6 @@ class Gaps:
         return not self._start.moving
 
     @property
-    def points(self) -> ContactPoints:
-        """Points of the present rows. While rows move, only rows that can touch soon are present."""
-        return self.stage.rows.points
-
-    @property
     def row_nodes(self) -> Array:
         """(nr,) int array: node of the slave's patch for each present row."""
         return self.stage.rows.row_nodes
@@ -350,55 +316,6 @@ class Gaps:
     def area(self) -> Array:
         """(nr,) array: area that each present row stands for [m2]."""
         return self.stage.rows.area
-
-    @property
-    def leaves_at(self) -> Array:
-        """(nr,) array: depth at which contact of each row leaves the patch [m], see `surfaces.rows.ContactRows`."""
-        return self.stage.rows.leaves_at
-
-    @property
-    def unpaired(self) -> int:
-        """Number of contact points that face nothing."""
-        return self.stage.rows.unpaired
-
-    @property
-    def normals(self) -> Array:
-        """(p, 3) array: outward normals of the master at the contact points."""
-        return self.stage.normals
-
-    @property
-    def normal(self) -> Array:
-        """(nr, 3) array: mean normal of each present row."""
-        return self.stage.normal
-
-    @property
-    def shares(self) -> Shares:
-        """For each side: nodes of the points, and their signed weights in the gap, (p, k) each."""
-        return self.stage.shares
-
-    @property
-    def near_sides(self) -> Sides:
-        """The sides; while rows are followed, only with the nodes that the rows need."""
-        return self.stage.rows.sides
-
-    @property
-    def frozen_stage(self) -> object:
-        """The stage while rows are frozen, else None."""
-        return None if self.moving else self.stage
-
-    def frozen_since(self, stage: object) -> bool:
-        """Whether rows are frozen, and have stayed frozen since `stage` was this object."""
-        return not self.moving and self.stage == stage
-
-    @property
-    def evaluated_pose(self) -> Array:
-        """`Carrier.pose` at the last evaluation of the gaps."""
-        return self.stage.pose
-
-    @property
-    def linear(self) -> LinearGaps | None:
-        """Gaps of the present rows as linear functions while the rows are frozen; None if they move."""
-        return self.stage.linear if isinstance(self.stage, Frozen) else None
 
     @property
     def centre(self) -> Array:
@@ -483,89 +400,16 @@ class Gaps:
         H = self.jacobian(np.arange(len(gap)))
         rate = H @ q_t
         if self.carried:  # the accelerations of the surface's carrier are not known here
-            rate = rate + self.carrier.rows(self.stage, self.places_now()[0]) @ self.carrier.motion
+            rate = rate + self.carrier.rows(self.stage, self.present.places[0]) @ self.carrier.motion
         return gap, rate, H @ q_tt
 
     def widen(self, q: Array) -> Array:
         """Take all rows that can touch next at coordinates q, (n,), and return their gaps, (k,) [m]."""
         return self.at(q)
 
-    @property
-    def q(self) -> Array:
-        """Last coordinates, (n,)."""
-        return self.present.q
-
-    @property
-    def coordinates(self) -> list[Array]:
-        """Last coordinates of each side, (n_dofs,)."""
-        return self.sides.split(self.present.q)
-
-    def places_now(self) -> list[Array]:
-        """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates, from `centre`.
-
-        Those of other nodes are NaN.
-        """
-        if self.present.places is None:
-            self.present.places = self.near_sides.places(self.present.q, self.present.growing)
-        return self.present.places
-
     def jacobian(self, index: Array) -> Rows:
         """Derivative of the gaps of some present rows with respect to the coordinates, (na, n), for fixed pairs."""
-        if isinstance(self.stage, Frozen):
-            return self.stage.linear.H[index]
-        found = self.stage.some_rows(index, self.present.q) if len(index) <= _FEW else None
-        return self.rows_on_coordinates(self.stage, self.present.q, index) if found is None else found
-
-    def rows_on_coordinates(self, stage: Stage, q: Array, index: Array | None = None) -> Rows:
-        """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
-        mean, parts = stage.rows.points.mean, []
-        mean = mean if index is None else mean[index]
-        for (nodes, weights), side, side_q in zip(stage.shares, stage.rows.sides, self.sides.split(q), strict=True):
-            G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
-            parts.append(side.on_coordinates(side_q, mean @ G))
-        return joined(parts)
-
-    def nodal_forces(self, lam: Array) -> list[Array]:
-        """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
-        by_stage = self.stage.nodal_forces(lam)
-        return self.on_nodes(self._pushes(lam)) if by_stage is None else by_stage
-
-    def _pushes(self, lam: Array) -> Array:
-        """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
-        return loops.pushes(self.points, lam, self.normals)
-
-    def on_nodes(self, forces: Array) -> list[Array]:
-        """Forces on the nodes of the patches, (np, 3) for each side [N].
-
-        Parameters
-        ----------
-        forces : (p, 3) array
-            Forces on the slave at the present points, in axes of space [N].
-        """
-        sides = zip(self.shares, self.sides, strict=True)
-        return [on_nodes(*shares, forces, len(side.surface.points)) for shares, side in sides]
-
-    def acted(self, lam: Array) -> tuple[Array, Array]:
-        """Generalised forces, (n,), and force on the slave, (3,) [N], from forces on the present rows, (nr,) [N]."""
-        by_stage = self.stage.acted(lam, self.present.q)
-        if by_stage is not None:
-            return by_stage
-        parts = zip(self.near_sides, self.sides.split(self.present.q), self.nodal_forces(lam), strict=True)
-        return np.concatenate([side.generalised(q, f) for side, q, f in parts]), self.stage.resultant(lam)
-
-    def moment(self, lam: Array, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
-        return self.moment_of(self._pushes(lam), point)
-
-    def moment_of(self, forces: Array, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""
-        arms = at_points(*self.shares[0], self.places_now()[0]) - (point - self.centre)
-        return total_moment(arms, forces)
-
-    @property
-    def on_demand(self) -> bool:
-        """Whether a side's flexibility is found on demand: then only rows that may close ask for it."""
-        return self.sides.on_demand
+        return self.stage.jacobian(index, self.present.q)
 
     def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
         """Return `found_at`, which is kept.
@@ -640,7 +484,7 @@ class Gaps:
 
     def loaded_nodes(self, place: int) -> LoadedNodes:
         """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
-        side, nodes = self.sides[place], self.shares[place][0]
+        side, nodes = self.sides[place], self.stage.shares[place][0]
         loaded = self._loaded.get(place)
         if loaded is None or not loaded.carry(nodes):
             loaded = self._loaded[place] = LoadedNodes.of(side, nodes)

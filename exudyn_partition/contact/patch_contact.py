@@ -258,7 +258,7 @@ class PatchContact:
             # What others have pushed is no gap: its energy is stored there.
             return self._answer(gap + (moved - by_others)[:, 0], gap, moved, motion).on_rows
 
-        plastic = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, by_others, earlier)
+        plastic = zones.solve(self.state.zones, self.gaps.present.coordinates, self.rows, respond, by_others, earlier)
         self.evaluation = self.evaluation.with_zones(plastic)
         return self.evaluation
 
@@ -391,7 +391,7 @@ class PatchContact:
             return self._no_force
         force = self.evaluation.generalised
         if self.secant is not None:
-            self.secant = self.secant.then(self.gaps.q, force)
+            self.secant = self.secant.then(self.gaps.present.q, force)
         return force
 
     def corrected(self, of_rows: Array) -> Array:

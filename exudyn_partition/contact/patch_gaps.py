@@ -28,12 +28,12 @@ from ..surfaces.rows import ContactRows, rows_of
 from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, Search, limit_at
-from .gaps import Gaps, GapState, Present
+from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Shared, Stage
+from .stages import NOTHING, Anchor, Frozen, Present, PresentRows, Shared, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in PATIENCE steps are frozen again
@@ -93,7 +93,7 @@ class PatchGaps(Gaps):
         stage = present.stage
         if isinstance(stage, Followed) and not stage.knows_pairs:
             stage = self._stage_anchored(Anchor(present.q, NOTHING, present.growing), stage.rows)
-            present = replace(present, stage=stage, places=stage.places)
+            present = Present(stage, present.q, stage.places, present.anchor, present.growing)
         super().return_to(present)
 
     def _go_to_start(self) -> None:
@@ -177,7 +177,7 @@ class PatchGaps(Gaps):
 
     def _linearised(self, stage: Stage, rows: ContactRows, q: Array) -> LinearGaps:
         """Gaps of these pairs while they are frozen; their present gaps belong to coordinates q, (n,)."""
-        H, drift = self.rows_on_coordinates(stage, q), drift_rows(self.sides, stage.shares, rows)
+        H, drift = stage.on_coordinates(q), drift_rows(self.sides, stage.shares, rows)
         start = moved(rows.gap.copy(), H, -q)
         _ = weighted_rows(start, H), stage.normal  # so that these loops are compiled before a run begins
         return LinearGaps(H, start, drift, drift @ q, _HELD * self.size)
@@ -278,7 +278,7 @@ class PatchGaps(Gaps):
         known = math.isfinite(lifting)
         limit, shuts = max(limit_at(least, self.reach), self.within), lifting * float(lam.sum()) if known else 0.0
         if self.reach + shuts > limit:
-            parts = zip(self.sides, self.coordinates, on_nodes(), strict=True)
+            parts = zip(self.sides, self.present.coordinates, on_nodes(), strict=True)
             shuts = min(shuts, sum(side.lifted(q, forces) for side, q, forces in parts))
         if shared or not known:
             shuts = max(shuts, WIDER * float(gap[lam > 0.0].max(initial=0.0)))
@@ -314,7 +314,7 @@ class PatchGaps(Gaps):
         return self._start.once("lifting", self._lifting)
 
     def _lifting(self) -> float:
-        if self.on_demand or self.between is not None:
+        if self.sides.on_demand or self.between is not None:
             return math.inf
         return sum(side.lifting for side in self._start.rows.sides)
 
@@ -325,8 +325,9 @@ class PatchGaps(Gaps):
 
     def _of_rows(self, velocities: Sequence[Array]) -> Array:
         """Rates of the gaps of the present rows, (nr,), from velocities of the nodes, (np, 3) for each side."""
-        slave, master = (at_points(*share, v) for share, v in zip(self.shares, velocities, strict=True))
-        return self.points.average(np.einsum("pd,pd->p", self.normals, slave + master))
+        stage = self.stage
+        slave, master = (at_points(*share, v) for share, v in zip(stage.shares, velocities, strict=True))
+        return stage.rows.points.average(np.einsum("pd,pd->p", stage.normals, slave + master))
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
         """Least gap, or a lower bound [m]: if the patches are apart, the gap between balls around them."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import InputError, PenetrationError, RunError
+from ..frames.kinematics import Rows
 from ..support.arrays import Array, Vector, as_read_only
 from ..support.attributes import FoundOnce
 from ..support.checks import validate_flag, validate_positive, validate_vector
@@ -22,7 +23,7 @@ from .pairings import points_of, values_on_plane
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import FEW, NOTHING, Anchor, Frozen, PresentRows, Stage
 
 _LEFT = 0.05  # of a row's depth: with less of a sheet before it, the row has passed through
 
@@ -186,21 +187,23 @@ class OnRigid(Stage):
         """See `Gaps.stance`; normals at the points in the body's axes, (p, 3)."""
         return self.rows.sides[0].kinematics.in_frame(self._q, self.normals)
 
-    def moment(self, lam: Array, about: Array) -> Array:
-        """Moment on the slave about a point, see `loops.rigid_moment`; places count from the contact's centre."""
-        return loops.rigid_moment(self.rows.flat, lam, self.normals, self.places[0], about)
+    def moment(self, lam: Array, about: Array, places: Array) -> Array:
+        """See `Stage.moment`; one compiled call."""
+        return loops.rigid_moment(self.rows.flat, lam, self.normals, places, about)
 
-    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
         """See `Stage.acted`; compiled calls."""
         (side,) = self.rows.sides
         if not side.flattens:
-            return None
+            return super().acted(lam, q)
         return loops.pushed_rigid(self.rows.flat, lam, self.normals, side, q), self.resultant(lam)
 
-    def some_rows(self, index: Array, q: Array) -> Array | None:
-        """See `Stage.some_rows`; one compiled call."""
+    def jacobian(self, index: Array, q: Array) -> Rows:
+        """See `Stage.jacobian`; one compiled call for few rows."""
         (side,) = self.rows.sides
-        return loops.rigid_rows(self.rows.flat, index, self.normals, side, q) if side.flattens else None
+        if len(index) > FEW or not side.flattens:
+            return super().jacobian(index, q)
+        return loops.rigid_rows(self.rows.flat, index, self.normals, side, q)
 
 
 class RigidGaps(Gaps):
@@ -260,7 +263,7 @@ class RigidGaps(Gaps):
             no_drift = np.zeros((0, self.n)), np.zeros(0)
             shared = values_on_plane(slave, kind, surface.normal)
             start = Stage(self._start.rows, self._start.normals, self._start.shares, shared)
-            H = start.by_pairs("rows", lambda: self.rows_on_coordinates(start, self._start_q))
+            H = start.by_pairs("rows", lambda: start.on_coordinates(self._start_q))
             linear_gaps = LinearGaps(H, gap, *no_drift, 0.0)
             self._start = Frozen(start.rows, start.normals, start.shares, linear_gaps, shared)
         self._put_stage(self._start.again())
@@ -362,11 +365,6 @@ class RigidGaps(Gaps):
         """The slave with all facets of its patch."""
         return self.slave
 
-    def moment(self, lam: Array, point: Array) -> Array:
-        """See `Gaps.moment`."""
-        stage = self.stage
-        return stage.moment(lam, point - self.centre) if isinstance(stage, OnRigid) else super().moment(lam, point)
-
     def stance(self) -> Array:
         """See `Gaps.stance`."""
         if self.slave.normal_only:
@@ -374,7 +372,7 @@ class RigidGaps(Gaps):
         stage = self.stage
         if isinstance(stage, OnRigid):
             return stage.stance
-        return self.slave.kinematics.in_frame(self.present.q, self.normals)
+        return self.slave.kinematics.in_frame(self.present.q, stage.normals)
 
     def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
@@ -410,8 +408,8 @@ class RigidGaps(Gaps):
             If rows begin inside the surface.
         """
         deepest, surface = int(gap.argmin()), self.slave.surface
-        self.approach = -self.normal[deepest]
-        direction = self._direction(self.row_nodes[deepest])
+        self.approach, node = -self.stage.normal[deepest], self.row_nodes[deepest]
+        direction = self._direction(node)
         self.faced = bool(self.approach @ direction > 0)
         if not self.faced and (self.slave.kinematics.linear or surface.wanders):
             raise InputError(
@@ -421,9 +419,9 @@ class RigidGaps(Gaps):
         if not self.pressed and gap[deepest] < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"{np.count_nonzero(gap < 0)} of {len(gap)} contact rows start inside the rigid surface, the worst by "
-                f"{-gap[deepest]:.4g} m at {surface.points[self.row_nodes[deepest]]} m. Move the body by at least that "
+                f"{-gap[deepest]:.4g} m at {surface.points[node]} m. Move the body by at least that "
                 "(referencePosition)"
             )
         if not self.faced:  # a body that turns may face it later
-            nearest = surface.points[self.row_nodes[deepest]] + gap[deepest] * self.approach
+            nearest = surface.points[node] + gap[deepest] * self.approach
             self._start_q = self.slave.turned_to(nearest, -self.approach, gap[deepest])

@@ -21,7 +21,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
-from ..frames.rotations import skew
 from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
@@ -29,7 +28,7 @@ from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
 from .carrier import Carrier
-from .gaps import Gaps, GapState, Present
+from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
 from .nearest_faces import NearestFaces
 from .rigid import RigidPlane, RigidSurface
@@ -38,7 +37,7 @@ from .sides import Sides
 from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .spot_stage import FrozenSpot, Meeting, Pose, SpotStage
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import NOTHING, Anchor, Frozen, Present, PresentRows, Stage
 from .touching import ROLES, Touching
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
@@ -129,7 +128,7 @@ class SpotGaps(Gaps):
         """Hertz's contact of the two surfaces, where they are."""
         if self.spot_rows.inside and self._own.round is not None:
             return self._own.round
-        return self._spot_stage.contact
+        return self.spot_stage.contact
 
     @property
     def contact_then(self) -> PointContact:
@@ -218,7 +217,7 @@ class SpotGaps(Gaps):
 
     def _frozen(self, stage: SpotStage, gap: Array) -> Frozen:
         self.stage = stage
-        H = self.rows_on_coordinates(stage, self._start_q)
+        H = stage.on_coordinates(self._start_q)
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
         frozen.meeting, frozen.share = stage.meeting, stage.share
@@ -357,25 +356,24 @@ class SpotGaps(Gaps):
     @property
     def meeting(self) -> Meeting:
         """Where the surfaces are nearest now."""
+        return self.spot_stage.meeting
+
+    @property
+    def spot_stage(self) -> SpotStage | FrozenSpot:
+        """The stage, where the point of contact is known."""
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)
-        return stage.meeting
+        return stage
 
     @property
     def share(self) -> float:
         """Share of the contact that is on the faces of both sides now."""
-        return self._spot_stage.share
+        return self.spot_stage.share
 
     @property
     def beside(self) -> bool:
         """See `Gaps.beside`."""
         return self.share == 0.0
-
-    @property
-    def _spot_stage(self) -> SpotStage | FrozenSpot:
-        stage = self.stage
-        assert isinstance(stage, SpotStage | FrozenSpot)
-        return stage
 
     def goes_on_as(self, other: SpotGaps) -> bool:
         """Whether another contact of the same patches shares this one, near seams of their faces."""
@@ -429,7 +427,7 @@ class SpotGaps(Gaps):
     def long_axis(self) -> Array:
         """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); meaningless in a circle."""
         normal = self.meeting.normal
-        bent = self._own.bending(self._axes(self.q, self.evaluated_pose), normal)
+        bent = self._own.bending(self._axes(self.present.q, self.stage.pose), normal)
         size = 2 * max(self.contact_then.curvatures)
         return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
 
@@ -445,7 +443,7 @@ class SpotGaps(Gaps):
         (2, 3), in space.
         """
         factor, fixed = np.zeros((2, 2)), np.zeros((2, 2))
-        for side, q, spot in zip(self.sides, self.coordinates, self.spot_rows.spots, strict=True):
+        for side, q, spot in zip(self.sides, self.present.coordinates, self.spot_rows.spots, strict=True):
             turned = tangents @ side.kinematics.frame(q)[1]
             curved = turned @ spot.curved @ turned.T
             factor += curved
@@ -506,49 +504,6 @@ class SpotGaps(Gaps):
             self._loaded, self._loaded_rows = {}, present.stage.rows
         super().return_to(present)
 
-    # Forces.
-
-    def pushed(self, force: float) -> list[tuple[Array, Array]]:
-        """Nodes of each side, and forces on them, (k, 3) [N], besides those of the row under a normal force [N].
-
-        See `spot_stage`. They act on the nodes of the kernels as on rigid bodies. In an inertial frame the surface of a
-        body does not turn, so that no couple works on it.
-        """
-        stage = self.stage
-        if not isinstance(stage, SpotStage) or not force:
-            return []
-        push, places = stage.push(force), self.places_now()
-        result = []
-        for number, ((nodes, weights), side) in enumerate(zip(stage.shares, self.sides, strict=True)):
-            forces = np.outer(weights[0], push.force)
-            if not side.kinematics.linear:
-                sign = (1.0, -1.0)[number]
-                x, point = places[number][nodes[0]], stage.poses[number].out(stage.meeting.points[number])
-                lever = point - sign * weights[0] @ x
-                forces += _turning(x, sign * (push.couple + skew(lever) @ push.force))
-            result.append((nodes[0], forces))
-        return result
-
-    def nodal_forces(self, lam: Array) -> list[Array]:
-        """See `Gaps.nodal_forces`."""
-        on_nodes = super().nodal_forces(lam)
-        for forces, (nodes, more) in zip(on_nodes, self.pushed(float(lam[0])), strict=False):
-            forces[nodes] += more
-        return on_nodes
-
-    def push_moment(self, force: float, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], by what `pushed` has under a normal force [N]."""
-        stage = self.stage
-        if not isinstance(stage, SpotStage) or not force:
-            return np.zeros(3)
-        along, couple = stage.push(force)
-        arm = stage.poses[0].out(stage.meeting.points[0]) + self.centre - point
-        return np.asarray(couple + skew(arm) @ along)
-
-    def moment(self, lam: Array, point: Array) -> Array:
-        """See `Gaps.moment`."""
-        return super().moment(lam, point) + self.push_moment(float(lam[0]), point)
-
     # State.
 
     def after(self) -> GapState:
@@ -596,10 +551,3 @@ class SpotGaps(Gaps):
         stage = self._stage_at(rows, rows.sides.places(anchor.q, anchor.growing), anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage
-
-
-def _turning(places: Array, couple: Array) -> Array:
-    """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
-    arms = places - places.mean(axis=0)
-    inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
-    return np.asarray(arms @ skew(np.linalg.solve(inertia, couple)).T)

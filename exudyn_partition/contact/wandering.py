@@ -22,12 +22,12 @@ from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
 from . import loops
 from .followed import SEARCHED, Followed
-from .gaps import GapState, Present
+from .gaps import GapState
 from .patch_gaps import PatchGaps
 from .rigid import OnRigid, RigidGaps
 from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, PresentRows, Stage
+from .stages import NOTHING, Anchor, Present, PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)

@@ -427,7 +427,7 @@ class PartitionContact(Item[Any]):
     @property
     def left_out(self) -> list[str]:
         """Sentences on the effects that the contact leaves out."""
-        unpaired = self.mechanics.gaps.unpaired
+        unpaired = self.mechanics.gaps.stage.rows.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
         said += self.mechanics.law.left_out
         if self.undamped:
@@ -655,7 +655,7 @@ class _Pressed:
     def patch(self) -> tuple[object, ...]:
         """Key that contacts with equal rows on the same patch of equal bodies share."""
         gaps = self.contact.mechanics.gaps
-        return self.contact.slave.body, gaps.slave.surface.nodes.tobytes(), self.areas.tobytes(), gaps.points.nodal
+        return self.contact.slave.body, gaps.slave.surface.nodes.tobytes(), self.areas.tobytes(), gaps.all_points.nodal
 
     def stress(self, axes: Array) -> Stress:
         """Largest stress, by the semi-axes of each sample, (m, 2) [m]."""
@@ -702,7 +702,7 @@ def largest_stresses(histories: Sequence[tuple[PartitionContact, Array, RowSampl
             np.concatenate(starts),
             every[0].contact.slave.body.points[places],
             every[0].areas,
-            not gaps.points.nodal,
+            not gaps.all_points.nodal,
         )
         of_each = np.split(axes, np.cumsum([*map(len, starts)]))
         for (place, pressed), ellipse_axes in zip(members, of_each, strict=False):

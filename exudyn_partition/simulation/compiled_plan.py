@@ -123,9 +123,9 @@ def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequen
     linear, normals, dofs = list[LinearGaps](), list[Array](), list[Array]()
     for contact, mechanics in zip(contacts, members, strict=True):
         gaps = mechanics.gaps
-        if gaps.linear is not None:
-            linear.append(gaps.linear)
-            normals.append(gaps.normal)
+        if gaps.stage.linear is not None:
+            linear.append(gaps.stage.linear)
+            normals.append(gaps.stage.normal)
             dofs.append(np.concatenate([np.r_[part] for part in contact.slices(mbs)]))
         elif can_follow(gaps):
             n = len(rows_of(gaps))

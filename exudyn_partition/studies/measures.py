@@ -104,7 +104,7 @@ class Measures:
             return np.nan
         normal = impulse / size
         at_peak = made.peaks.q[j][self._places[contact.slave]]
-        weights = peak.rows.nodal_forces(peak.lam)[0] @ normal
+        weights = peak.rows.stage.nodal_forces(peak.lam)[0] @ normal
         at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 

@@ -54,7 +54,7 @@ def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
     gaps.at(q)
     rng, H = np.random.default_rng(0), gaps.jacobian(np.arange(len(gaps.row_nodes)))
     some = np.array([0, 2])
-    by_matrices = dense(gaps.rows_on_coordinates(gaps.stage, q, some))  # of many rows; those of few are one call
+    by_matrices = dense(gaps.stage.on_coordinates(q, some))  # of many rows; those of few are one call
     np.testing.assert_allclose(dense(gaps.jacobian(some)), by_matrices, rtol=0, atol=1e-12 * abs(by_matrices).max())
     near = np.flatnonzero(gaps.at(q) < 10e-6)
     for _ in range(3):
@@ -186,7 +186,8 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
         fewest = min(fewest, len(followed) / len(expected))
         assert all(gap > max(least, -0.25 * least) for node, gap in expected.items() if node not in followed)
         inner = [
-            node in expected and within for node, within in zip(gaps.row_nodes, np.isinf(gaps.leaves_at), strict=True)
+            node in expected and within
+            for node, within in zip(gaps.row_nodes, np.isinf(gaps.stage.rows.leaves_at), strict=True)
         ]
         np.testing.assert_allclose(found[inner], [expected[node] for node in gaps.row_nodes[inner]], atol=2e-10)
     assert fewest < 0.5

@@ -229,7 +229,7 @@ def test_sheets_that_a_body_carries_are_entered_as_planes_are(round_body, turn, 
         pose["A"] = A
         down, arm = A @ [0, 0, -1.8e-5], side.kinematics.origin - place
         q = moved(side, down + A @ arm - arm, turn) if since else moved(side, down)
-        found.append((gaps.at(q), gaps.normal))
+        found.append((gaps.at(q), gaps.stage.normal))
     closed = found[0][0] < 0
     assert closed.any()
     for plane, mesh in zip(*found, strict=True):

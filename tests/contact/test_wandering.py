@@ -85,7 +85,7 @@ def test_rows_within_a_thin_elastic_wall_are_those_of_its_face_alone(round_body)
         law = compliant(WanderingGaps(side, inertial(sheet)))
         for depth in (0.02e-3, 0.08e-3, 0.15e-3, 0.19e-3):
             law.at(np.r_[moved(side, [0, 0, -depth]), np.zeros(sheet.n_dofs)])
-            found.append([law.gaps.at(law.gaps.q).min(), law.evaluation.resultant()[2]])
+            found.append([law.gaps.at(law.gaps.present.q).min(), law.evaluation.resultant()[2]])
     assert found[3][0] < -0.9 * t
     np.testing.assert_allclose(found[4:], found[:4], rtol=1e-6)
 

@@ -184,7 +184,7 @@ def hat_means(law, pressure):
     area = hats @ rows.area
     reference = hats @ (rows.area * (rows.mean @ pressure(np.hypot(*rows.at(surface.points)[:, :2].T)))) / area
     forces = row_forces(law)
-    if not law.gaps.points.nodal:
+    if not law.gaps.all_points.nodal:
         forces = rows.area * (law.gaps.all_points.pressures @ forces)
     return np.hypot(*surface.points[corners, :2].T), hats @ forces / area, area, reference
 

@@ -95,11 +95,11 @@ def pressed(fems, bodies, options):
 def nodal_forces(law):
     """Forces on the patch nodes of both bodies, (np, 3) each [N]."""
     gaps = law.gaps
-    at_points = gaps.points.spread(law.evaluation.lam)
+    at_points = gaps.stage.rows.points.spread(law.evaluation.lam)
     forces = []
-    for (nodes, weights), side in zip(gaps.shares, gaps.sides, strict=True):
+    for (nodes, weights), side in zip(gaps.stage.shares, gaps.sides, strict=True):
         on_nodes = np.zeros((len(side.surface.points), 3))
-        np.add.at(on_nodes, nodes, weights[:, :, None] * (at_points[:, None] * gaps.normals)[:, None, :])
+        np.add.at(on_nodes, nodes, weights[:, :, None] * (at_points[:, None] * gaps.stage.normals)[:, None, :])
         forces.append(on_nodes)
     return forces
 

@@ -374,10 +374,10 @@ class StepImpulses:
         gaps = self.gaps
         h: Array = line.gap + line.rows @ gaps.sides.way(line.place, ahead)
         if gaps.carried:
-            now, then = gaps.carrier.pose, gaps.evaluated_pose
+            now, then = gaps.carrier.pose, gaps.stage.pose
             turn = Rotation.from_matrix(now[3:].reshape(3, 3) @ then[3:].reshape(3, 3).T).as_rotvec()
             way = np.concatenate([now[:3] - then[:3], turn]) + _AHEAD * step * gaps.carrier.motion
-            h = h + gaps.carrier.rows(gaps.stage, gaps.places_now()[0]) @ way
+            h = h + gaps.carrier.rows(gaps.stage, gaps.present.places[0]) @ way
         return h
 
     def _ahead(self, start: ImpulseState, ahead: Array, step: float) -> Array:

@@ -96,7 +96,7 @@ def sinking(run: ReviewedRun) -> Iterator[Finding]:
     """Corners and edges that sink into a rigid surface before a mean gap around them closes."""
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
-        if isinstance(gaps, RigidGaps) and not gaps.points.nodal:
+        if isinstance(gaps, RigidGaps) and not gaps.all_points.nodal:
             yield from _sunk(run, history, gaps)
 
 

@@ -37,7 +37,7 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
     h, rows = 1e-9, ForwardRows(law)
     together = ForwardIncrement([rows], [np.arange(len(q))])
     (c,), answers = together.increment([rows.begin()], [(q, v, 0 * q)], h)
-    gap = gaps.linear.start + gaps.linear.H @ (q + h * (v + h * c))
+    gap = gaps.stage.linear.start + gaps.stage.linear.H @ (q + h * (v + h * c))
     assert gap.min() > -1e-18
     together.increment(answers, [(q + h * (v + h * c), v, 0 * q)], h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):
@@ -70,6 +70,8 @@ class FlatRows:
         )
     )
 
+    stage = present.stage
+
     def return_to(self, present):
         """The rows are never elsewhere."""
 
@@ -77,10 +79,7 @@ class FlatRows:
         self.accepted = state
 
     def begin(self, state=None):
-        self.accepted, self.frozen_stage = self.after(), self
-
-    def frozen_since(self, stage):
-        return stage == self.frozen_stage
+        self.accepted = self.after()
 
     def at(self, q):
         return self.H @ q

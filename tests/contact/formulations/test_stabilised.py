@@ -12,6 +12,7 @@ from oracles import TOP, box, hexahedra, multipliers, relative, write
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.contact.carrier import Carrier
 from exudyn_partition.contact.formulations.implicit_multipliers import StepImpulses
 from exudyn_partition.contact.gaps import GapState
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -303,10 +304,10 @@ class FlatSides(tuple):
 class FlatRows(SimpleNamespace):
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    carried, carrier_pose, carrier_motion = False, np.empty(0), np.empty(0)
+    carried, carrier = False, Carrier()
 
     def begin(self, state=None):
-        self.frozen_stage, self.accepted = self, self.after()
+        self.accepted = self.after()
 
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
@@ -316,6 +317,8 @@ class FlatRows(SimpleNamespace):
             rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
         )
     )
+
+    stage = present.stage
 
     def return_to(self, present):
         """The rows are never elsewhere."""
