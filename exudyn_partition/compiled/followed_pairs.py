@@ -124,7 +124,7 @@ class FollowedPair:
         self._take_anchor()
         frozen = None if gaps.moving else gaps.after().frozen
         of_pair = q[self._following.dofs]
-        anchor = gaps.anchor if anchored else None
+        anchor = gaps.present.anchor if anchored else None
         growing = growing_of(gaps, self.products)
         return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]), growing)
 
@@ -139,10 +139,11 @@ class FollowedPair:
         if self._anchors.anchored[self.s]:
             q, products = self._anchors.anchors[self.s, self._following.dofs], self._anchors.growing[self.s]
             there = Anchor(q, NOTHING, growing_of(self.gaps, products))
-            if self.gaps.anchor is None or not self.gaps.anchor.equals(there):
-                self.gaps.go_on_at(there)
+            known = self.gaps.present.anchor
+            if known is None or not known.equals(there):
+                self.gaps.accept_anchor(there)
         else:
-            self.gaps.anchor = None
+            self.gaps.present.anchor = None
 
     def place(self, q: Array, q_before: Array, v: Array, h: Array) -> None:
         """Find the rows at the model's coordinates q, (nq,), and set the gaps of all rows of the patch among h.
@@ -194,8 +195,8 @@ class FollowedPair:
         if self.compiled is not None and isinstance(gaps.stage, Followed):  # where loops have followed it
             _, normals, here = self._room
             stage = Followed(gaps.stage.rows, normals.copy(), here.copy())
-            gaps.return_to(Present(stage, q, None, gaps.anchor, gaps.growing))
-        gaps.accept(GapState(q, NOTHING, gaps.anchor, None, None, self._stood, PATIENCE - 1))
+            gaps.return_to(Present(stage, q, None, gaps.present.anchor, gaps.growing))
+        gaps.accept(GapState(q, NOTHING, gaps.present.anchor, None, None, self._stood, PATIENCE - 1))
         gaps.accept(gaps.after())
         self._steps[0], self._stood = gaps.accepted.steps, gaps.accepted.stood
 
@@ -225,19 +226,20 @@ class FollowedPair:
         """The present rows for compiled loops."""
         found = self._loops
         assert found is not None, "asked for what is only done at once"
-        gaps, rows, of_anchor = self.gaps, stage.rows, None
+        gaps, rows, anchor = self.gaps, stage.rows, self.gaps.present.anchor
         sides = rows.sides
         both = [self._side(place, side) for place, side in enumerate(sides)]
         p = len(stage.normals)
         at_here, along = np.zeros((3, 3)), [np.zeros((p, 1 if side.normal_only else 3)) for side in sides]
         shape = p, sides[1].surface.facets.shape[1]
         carriers = np.zeros(shape, dtype=np.int64), np.zeros(shape)
-        if not isinstance(stage, Frozen) and p and (of_anchor := gaps.anchored_stage) is not None:
+        if not isinstance(stage, Frozen) and p and anchor is not None:
+            of_anchor = gaps.anchoring.stage(anchor)
             at_here[:], (carriers[0][:], carriers[1][:]) = of_anchor.here, of_anchor.shares[1]
-            for kept, side, q in zip(along, sides, gaps.sides.split(gaps.anchor.q), strict=True):  # type: ignore[union-attr]
+            for kept, side, q in zip(along, sides, gaps.sides.split(anchor.q), strict=True):
                 kept[:] = 1.0 if side.normal_only else side.kinematics.in_frame(q, of_anchor.normals)
-        elif gaps.anchor is not None:
-            at_here[:] = gaps.stance_at(gaps.anchor) * gaps.size
+        elif anchor is not None:
+            at_here[:] = gaps.anchoring.stance(anchor) * gaps.size
         nr = len(self._slots)
         normals = np.array(stage.normal) if isinstance(stage, Frozen) else np.zeros((p, 3))
         self._room = np.zeros(nr), normals, np.zeros((3, 3))
@@ -291,8 +293,8 @@ class FollowedPair:
         """Take an anchor here if rows have moved by more than `same` since the last one; whether that was done."""
         gaps, state = self.gaps, self._anchors
         self._take_anchor()
-        before = gaps.anchor
-        anchor = gaps.anchored(same)
+        before = gaps.present.anchor
+        anchor = gaps.anchoring.anchor(same)
         if anchor == before:
             return False
         state.anchored[self.s], state.fresh[self.s] = True, True

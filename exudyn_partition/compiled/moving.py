@@ -1,7 +1,7 @@
 """Bodies in floating frames, and contacts whose rows follow the motion, as a plan has them.
 
 Gaps of such rows are not linear in the coordinates. The flexibility of the rows changes with the normals, in the body's
-axes. It is found again when these have changed by `gaps.SAME` since it was found last, at the anchor, as in `Gaps`.
+axes. It is found again when these have changed by `anchoring.SAME` since it was found last, at the anchor, as there.
 """
 
 from __future__ import annotations
@@ -290,7 +290,7 @@ class MovingPlan:
     rigid, pairs : tuples of Following
         Contacts with rigid surfaces, those of `surfaces`, and of two bodies.
     bounds : (float, float, float)
-        `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
+        `followed.BULGE`, `anchoring.SAME`, and what regularisation adds, by the mean diagonal.
     rubbing, rubbing_pairs : tuples of Following
         Contacts with friction, and those that they move, on rigid surfaces and of two bodies, see `rubbing`. The state
         is not theirs.
@@ -429,10 +429,10 @@ def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
     anchored, q, growing = np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((ns, 12))
     along = [np.zeros((len(contact.gaps.stage.rows.points.nodes), 3)) for contact in contacts]
     for s, contact in enumerate(contacts):
-        if (anchor := contact.gaps.anchor) is not None:
+        if (anchor := contact.gaps.present.anchor) is not None:
             anchored[s], q[s, contact.dofs], growing[s, : len(anchor.growing)] = True, anchor.q, anchor.growing
             if not contact.gaps.slave.normal_only:
-                along[s] = contact.gaps.stance_at(anchor)
+                along[s] = contact.gaps.anchoring.stance(anchor)
     return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]), growing)
 
 
@@ -446,7 +446,7 @@ def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
     states = []
     for contact in contacts:
         here = q[contact.dofs]
-        anchor = None if contact.gaps.anchor is None else Anchor(here, NOTHING, NOTHING)
+        anchor = None if contact.gaps.present.anchor is None else Anchor(here, NOTHING, NOTHING)
         states.append(replace(contact.gaps.accepted, q=here, anchor=anchor, growing=NOTHING))
     return tuple(states)
 

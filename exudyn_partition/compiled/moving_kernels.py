@@ -321,7 +321,7 @@ def renew_anchor(
 
 @inner
 def anchor_surface(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int, q: Array, same: float) -> bool:
-    """Find the flexibility of a moving contact if it is not that of its anchor, or that is far; see `Gaps.anchored`.
+    """Find the flexibility of a moving contact if it is not that of its anchor, or that is far; see `Anchoring.anchor`.
 
     Return whether it was found.
     """

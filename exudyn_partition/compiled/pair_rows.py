@@ -109,6 +109,6 @@ class PairRows(FollowedPair):
         if state.found[self.s]:
             return False
         every = np.arange(len(self._slots))
-        F, anchor = NormalRows(gaps).flexibility(every), gaps.anchored(same)
-        gaps.found_at(anchor, lambda: self._set_flexibility(F))
+        F, anchor = NormalRows(gaps).flexibility(every), gaps.anchoring.anchor(same)
+        gaps.anchoring.found_at(anchor, lambda: self._set_flexibility(F))
         return True

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..contact.gaps import SAME as SAME_ALONE
+from ..contact.anchoring import SAME as SAME_ALONE
 from ..contact.normal_rows import NormalRows
 from ..contact.tangential import SAME as SAME_IN_THREE
 from ..contact.tangential import TangentialRows

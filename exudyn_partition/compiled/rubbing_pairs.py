@@ -136,8 +136,8 @@ class RubbingPair(FollowedPair):
             state.found_axis[s] = -1
         if state.found_axis[s] != state.axis[s]:
             every, rows = np.arange(len(self._slots)), self._directed
-            F, anchor = rows.flexibility(every), self.gaps.anchored(self._plan.same[s])
-            self.gaps.found_at(anchor, lambda: self._set_flexibility(F))
+            F, anchor = rows.flexibility(every), self.gaps.anchoring.anchor(self._plan.same[s])
+            self.gaps.anchoring.found_at(anchor, lambda: self._set_flexibility(F))
 
     def _set_flexibility(self, F: Array) -> None:
         """Set the flexibility of the present rows, (d nr, d nr) [m/N], and their fields."""

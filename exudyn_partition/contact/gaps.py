@@ -9,31 +9,28 @@ Theory: examples/site/theory.md, "Rows of gaps".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..algebra.products import largest_change
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.attributes import copied
 from ..surfaces.points import ContactPoints
+from .anchoring import Anchoring
 from .carrier import Carrier
-from .side import LoadedNodes, Side
+from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Present, PresentRows, Stage, T
+from .stages import NOTHING, Anchor, Present, PresentRows, Stage
 
 if TYPE_CHECKING:
     from typing import Self
 
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
-_FEW = 64  # rows whose derivatives one call finds, row by row; those of more come from sparse matrices
-SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
-_FROZEN = Anchor(NOTHING, NOTHING, NOTHING)  # of frozen rows, whose flexibility does not change
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +104,6 @@ class Gaps:
         Distance above which there are no rows [m].
     yielding : tuple of float or None
         Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
-    anchor : Anchor or None
-        That of `present`.
     growing : (6 k,) array
         Products of angular velocities by which each of the k sides grows in the next evaluation [rad2/s2], see `grow`:
         an input, as the pose of the carrier. Empty if none does.
@@ -116,6 +111,8 @@ class Gaps:
         Gap up to which rows are present at least, because forces may push them shut [m]: a guess, see `follow_pushed`.
     all_points : ContactPoints
         Points of all rows of the slave's patch, whether they are present or not.
+    anchoring : Anchoring
+        Where the flexibility of the rows is found.
     accepted : GapState
         State at the end of the last accepted step. Each try of a step begins from it.
     """
@@ -136,15 +133,12 @@ class Gaps:
     furthest: float = np.inf
     yielding: tuple[float, ...] | None = None
     searches: int = 0
-    anchor: Anchor | None = None
     growing: Array = NOTHING
     within: float = 0.0
     all_points: ContactPoints
+    anchoring: Anchoring
     accepted: GapState
-    _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
-    _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
     _start: Stage
-    _loaded: dict[int, LoadedNodes]
     _start_q: Array
 
     @property
@@ -159,14 +153,14 @@ class Gaps:
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copied(self)
-        result.searches, result._loaded, result.yielding, result.within = 0, {}, None, 0.0
-        result._stood, result._anchored = (None, None, NOTHING), (None, None, None)
+        result.searches, result.yielding, result.within = 0, None, 0.0
+        result.anchoring = Anchoring(result)
         result.begin()
         return result
 
     def _begin_at_start(self) -> None:
         """Go back to where the sides are placed."""
-        self.anchor, self.growing = None, NOTHING
+        self.growing, self.present = NOTHING, replace(self.present, anchor=None)
         self._go_to_start()
         self.accepted = GapState(self.present.q, self.stage.pose)
         self.accepted = self.after()
@@ -180,7 +174,7 @@ class Gaps:
     def after(self) -> GapState:
         """State after a step that ends in the last evaluation."""
         present = self.present
-        return GapState(present.q, self.stage.pose, self.anchor, self._frozen_at(), growing=present.growing)
+        return GapState(present.q, self.stage.pose, present.anchor, self._frozen_at(), growing=present.growing)
 
     def _frozen_at(self) -> Array | None:
         """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
@@ -203,15 +197,19 @@ class Gaps:
 
     def begin_grown(self) -> None:
         """Let the step begin with sides that are grown where they are placed, as `grow` has said."""
-        self.return_to(Present(self.stage, self.present.q, None, self.anchor, self.growing))
-        self.accept(replace(self.accepted, anchor=self.anchor, growing=self.growing))
+        self.return_to(replace(self.present, known=None, growing=self.growing))
+        self.accept(replace(self.accepted, anchor=self.present.anchor, growing=self.growing))
 
     def accept(self, state: GapState) -> None:
         """Let the next step begin from a state: `after`, if the last one has ended here."""
         self.accepted = state
-        if self.anchor != state.anchor:
-            self.anchor = state.anchor
-            self._put_stage(self.stage)
+        if self.present.anchor != state.anchor:
+            self.return_to(replace(self.present, anchor=state.anchor))
+
+    def accept_anchor(self, anchor: Anchor) -> None:
+        """Go on from an anchor that others have found, without a carrier."""
+        self.present.anchor = anchor
+        self.accepted = replace(self.accepted, anchor=anchor)
 
     def _take_rows(self, state: GapState) -> None:
         """Take the rows of a state."""
@@ -276,16 +274,15 @@ class Gaps:
 
     def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
-        self.return_to(Present(stage, q, stage.places, self.anchor, self.growing))
+        self.return_to(Present(stage, q, stage.places, self.present.anchor, self.growing))
 
     def return_to(self, present: Present) -> None:
         """Go to where the rows were."""
-        self.present, self.stage, self.anchor = present, present.stage, present.anchor
+        self.present, self.stage = present, present.stage
 
     def _put_stage(self, stage: Stage) -> None:
         """Go to another stage at the same coordinates."""
-        present = self.present
-        self.return_to(Present(stage, present.q, present.known, self.anchor, present.growing))
+        self.return_to(replace(self.present, stage=stage))
 
     @property
     def moving(self) -> bool:
@@ -338,7 +335,7 @@ class Gaps:
     def exchange_flexibility(self, flexibility: Sequence[Flexibility | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = Sides(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
-        self._loaded, self._start = {}, self._start.on(self.sides)
+        self._start = self._start.on(self.sides)
         self._put_stage(self.stage.on(self.sides))
 
     @property
@@ -411,81 +408,16 @@ class Gaps:
         """Derivative of the gaps of some present rows with respect to the coordinates, (na, n), for fixed pairs."""
         return self.stage.jacobian(index, self.present.q)
 
-    def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
-        """Return `found_at`, which is kept.
-
-        `index` are the rows to which it belongs; by default, all.
-        """
-        return self.stage.rows.at_anchor(what, anchor, lambda: self.found_at(anchor, make), index)
-
-    def found_at(self, anchor: Anchor, make: Callable[[], T]) -> T:
-        """Value that is found with the present rows, but with the places, pairs and normals at an anchor."""
-        if anchor == _FROZEN:
-            return make()
-        now, stage = self.present, self._stage_of_anchor(anchor)
-        if stage == now.stage:  # the anchor is here
-            return make()
-        self.return_to(Present(stage, anchor.q, stage.places, now.anchor, anchor.growing))
-        try:
-            return make()
-        finally:
-            self.return_to(now)
-
-    def anchored(self, by: float) -> Anchor:
-        """The anchor. If the sides have moved by more than `by` since, this is where they are now.
-
-        `by` is in sizes of a facet, or changes of normals.
-        """
-        if not self.moving:
-            return _FROZEN
-        anchor, stance = self.anchor, self.stance()
-        if anchor is None or not largest_change(stance, self.stance_at(anchor)) <= by:
-            here, stage = self.present, self.stage
-            self.anchor = here.anchor = anchor = Anchor(here.q.copy(), stage.pose, here.growing)
-            _ = stage.shares  # which are those of the present places only now
-            self._anchored = anchor, stage.rows, stage  # pairs that are followed need no projection anew
-            self._stood = anchor, stage.rows, stance
-        return anchor
-
-    def go_on_at(self, anchor: Anchor) -> None:
-        """Go on from an anchor that others have found, without a carrier."""
-        self.anchor = anchor
-        self.accepted = replace(self.accepted, anchor=self.anchor)
-
-    def stance_at(self, anchor: Anchor) -> Array:
-        """`stance` of the present rows at an anchor."""
-        if self._stood[:2] != (anchor, self.stage.rows):
-            self._stood = anchor, self.stage.rows, self._stance_of(anchor)
-        return self._stood[2]
-
-    def _stance_of(self, anchor: Anchor) -> Array:
-        return self.found_at(anchor, self.stance)
-
-    def _stage_of_anchor(self, anchor: Anchor) -> Stage:
-        """The present rows with their pairs and normals at an anchor."""
-        last_anchor, rows, stage = self._anchored
-        if stage is None or (last_anchor, rows) != (anchor, self.stage.rows):
-            stage = self._stage_anchored(anchor, self.stage.rows)
-            self._anchored = anchor, self.stage.rows, stage
-        return stage
-
-    @property
-    def anchored_stage(self) -> Stage | None:
-        """The present rows with their pairs and normals at the anchor; None without an anchor."""
-        return None if self.anchor is None else self._stage_of_anchor(self.anchor)
-
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
-        """Stage of some rows with their pairs and normals at an anchor."""
-        raise NotImplementedError
+    # Flexibility, see `anchoring`.
 
     def stance(self) -> Array:
         """Values on which the flexibility of the rows depends: places divided by a facet's size, or directions."""
         raise NotImplementedError
 
-    def loaded_nodes(self, place: int) -> LoadedNodes:
-        """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
-        side, nodes = self.sides[place], self.stage.shares[place][0]
-        loaded = self._loaded.get(place)
-        if loaded is None or not loaded.carry(nodes):
-            loaded = self._loaded[place] = LoadedNodes.of(side, nodes)
-        return loaded
+    def stance_at(self, anchor: Anchor) -> Array:
+        """`stance` of the present rows at an anchor."""
+        return self.anchoring.found_at(anchor, self.stance)
+
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
+        """Stage of some rows with their pairs and normals at an anchor."""
+        raise NotImplementedError

@@ -10,7 +10,8 @@ from ..algebra.complementarity import Complementarity, regularised
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..surfaces.rows import directed_matrix, point_matrix
-from .gaps import SAME, Gaps
+from .anchoring import SAME
+from .gaps import Gaps
 from .row_flexibility import RowFlexibility, through
 from .side import LoadedNodes
 from .stages import OF_SIDE, Standing
@@ -60,8 +61,8 @@ class NormalRows:
         """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
         gaps = self.gaps
         if gaps.sides.on_demand:
-            return gaps.at_anchor("flexibility", gaps.anchored(SAME), lambda: self._of_some_rows(index), index)
-        return gaps.at_anchor("flexibility", gaps.anchored(SAME), self._of_all_rows)
+            return gaps.anchoring.kept("flexibility", SAME, lambda: self._of_some_rows(index), index)
+        return gaps.anchoring.kept("flexibility", SAME, self._of_all_rows)
 
     def _of_some_rows(self, index: Array) -> RowFlexibility:
         gaps, F = self.gaps, np.zeros((len(index),) * 2)
@@ -98,12 +99,11 @@ class NormalRows:
 
     def side_flexibility(self, place: int) -> Array:
         """Contribution of one side to the flexibility of the present rows, (nr, nr) [m/N], whatever yields of it."""
-        gaps = self.gaps
-        return gaps.at_anchor((OF_SIDE, place), gaps.anchored(SAME), lambda: self._part_of_side(place))
+        return self.gaps.anchoring.kept((OF_SIDE, place), SAME, lambda: self._part_of_side(place))
 
     def _part_of_side(self, place: int) -> Array:
         gaps, stage = self.gaps, self.gaps.stage
-        loaded, q = gaps.loaded_nodes(place), gaps.present.coordinates[place]
+        loaded, q = gaps.anchoring.loaded_nodes(place), gaps.present.coordinates[place]
         return loaded.flexibility(q, stage.rows.points, stage.shares[place], stage.normals)
 
     def across(self) -> Array:
@@ -151,7 +151,7 @@ class NormalRows:
 
     def standing(self) -> Standing:
         """Which rows are present, and where their flexibility was found."""
-        return Standing(self.gaps.stage.rows, self.gaps.anchored(SAME))
+        return Standing(self.gaps.stage.rows, self.gaps.anchoring.anchor(SAME))
 
     # Directions.
 

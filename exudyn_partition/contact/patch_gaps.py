@@ -27,6 +27,7 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, rows_of
 from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
+from .anchoring import Anchoring
 from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, Search, limit_at
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
@@ -79,20 +80,21 @@ class PatchGaps(Gaps):
         self._pairing = pairing
         centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
         self.sides = Sides((slave.seen_from(centre), master.seen_from(centre)))
-        self.all_points, self._start_q, self._loaded = pairing.points, pairing.pose, {}
+        self.all_points, self._start_q, self.anchoring = pairing.points, pairing.pose, Anchoring(self)
         self.faced = not pairing.pose.any()
         self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
         self.furthest = NEAR * self.size
         self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
+        self.present = Present(self._start, self._start_q, None, None, NOTHING)
         self.begin()
 
     def return_to(self, present: Present) -> None:
         """See `Gaps`. Where the pairs have gone on since, rows are projected anew."""
         stage = present.stage
         if isinstance(stage, Followed) and not stage.knows_pairs:
-            stage = self._stage_anchored(Anchor(present.q, NOTHING, present.growing), stage.rows)
+            stage = self.stage_at(Anchor(present.q, NOTHING, present.growing), stage.rows)
             present = Present(stage, present.q, stage.places, present.anchor, present.growing)
         super().return_to(present)
 
@@ -112,7 +114,7 @@ class PatchGaps(Gaps):
             steps += 1
             if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), stage.here, 0
-        return GapState(present.q, stage.pose, self.anchor, frozen, None, stood, steps, present.growing)
+        return GapState(present.q, stage.pose, present.anchor, frozen, None, stood, steps, present.growing)
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
@@ -186,11 +188,11 @@ class PatchGaps(Gaps):
         """See `Gaps.stance`."""
         return self.stage.here / self.size
 
-    def _stance_of(self, anchor: Anchor) -> Array:
+    def stance_at(self, anchor: Anchor) -> Array:
         """See `Gaps`."""
         return seen_from(self.stage.rows.sides.places(anchor.q, anchor.growing), self.witnesses) / self.size
 
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         x_s, x_m = self.sides.places(anchor.q, anchor.growing)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
@@ -208,7 +210,7 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage, gap = self.stage.advance(self, q)
-        super().return_to(Present(stage, q, stage.places, self.anchor, self.growing))  # it knows its pairs
+        super().return_to(Present(stage, q, stage.places, self.present.anchor, self.growing))  # it knows its pairs
         return gap
 
     def of_present(self, q: Array) -> Array:

@@ -16,6 +16,7 @@ from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints, RowKind
 from . import loops
+from .anchoring import Anchoring
 from .carrier import Carrier
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
@@ -23,7 +24,7 @@ from .pairings import points_of, values_on_plane
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .sides import Sides
-from .stages import FEW, NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import FEW, NOTHING, Anchor, Frozen, Present, PresentRows, Stage
 
 _LEFT = 0.05  # of a row's depth: with less of a sheet before it, the row has passed through
 
@@ -253,9 +254,9 @@ class RigidGaps(Gaps):
         self.sides = Sides((slave,))
         self.size = slave.surface.facet_size
         self.all_points = points_of(slave, kind)
-        self._start_q, self._loaded = np.zeros(self.n), {}
+        self._start_q, self.anchoring = np.zeros(self.n), Anchoring(self)
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
-        self._go_to_stage(self._start, self._start_q)
+        self.return_to(Present(self._start, self._start_q, None, None, NOTHING))
         self.pressed, self.clearance = pressed, float(gap.min())
         self._face_surface(gap)
         linear = slave.kinematics.linear and not slave.surface.wanders
@@ -374,7 +375,7 @@ class RigidGaps(Gaps):
             return stage.stance
         return self.slave.kinematics.in_frame(self.present.q, stage.normals)
 
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         stage = self._placed(rows, anchor)[0]
         stage.of_anchor = True

@@ -27,6 +27,7 @@ from ..support.attributes import FoundOnce
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
+from .anchoring import Anchoring
 from .carrier import Carrier
 from .gaps import Gaps, GapState
 from .linear_gaps import LinearGaps
@@ -56,7 +57,7 @@ class SpotRows(PresentRows):
         See `PresentRows`.
     spots : list of Spot
     made_at : Anchor
-        Where the spots were made.
+        Where the spots were made: the flexibility is that under the kernels then, whatever tilts them.
     touching : tuple of (Touching, list of (3, 3) arrays, (3,) array)
         How its own faces touch there: axes of both sides, and the normal.
     inside : bool
@@ -103,8 +104,6 @@ class SpotGaps(Gaps):
     PenetrationError
         If the surfaces overlap at the start.
     """
-
-    _loaded_rows: object = None  # the rows to which `_loaded` belongs
 
     def __init__(
         self,
@@ -158,7 +157,7 @@ class SpotGaps(Gaps):
         self.sides = Sides(sides)
         self.size = self._nearest.size
         self._middles = [maker.points.mean(axis=0) for maker in self._makers]
-        self._loaded = {}
+        self.anchoring = Anchoring(self)
         self._start_q = np.zeros(self.n)
         meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier.pose))
         if not self.carried:
@@ -171,7 +170,7 @@ class SpotGaps(Gaps):
         self._start_rows = rows
         self.all_points, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
-        self._go_to_stage(self._start, self._start_q)
+        self.return_to(Present(self._start, self._start_q, self._start.places, None, NOTHING))
 
     def _contact_place(self, meeting: Meeting) -> Array:
         """Place of the point of contact on the slave at the start, (3,) [m]."""
@@ -498,12 +497,6 @@ class SpotGaps(Gaps):
             gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)[1]
         return float(gap[0])
 
-    def return_to(self, present: Present) -> None:
-        """See `Gaps`."""
-        if present.stage.rows != self._loaded_rows:
-            self._loaded, self._loaded_rows = {}, present.stage.rows
-        super().return_to(present)
-
     # State.
 
     def after(self) -> GapState:
@@ -536,16 +529,7 @@ class SpotGaps(Gaps):
         """See `Gaps.stance`: the point of contact on each side."""
         return np.concatenate(self.meeting.points) / self.size
 
-    def anchored(self, by: float) -> Anchor:
-        """See `Gaps.anchored`; the flexibility is that under the kernels as they were made, whatever tilts them."""
-        if not self.moving:
-            return super().anchored(by)
-        made_at = self.spot_rows.made_at
-        if self.anchor != made_at:
-            self.anchor = self.present.anchor = made_at
-        return made_at
-
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         assert isinstance(rows, SpotRows)
         stage = self._stage_at(rows, rows.sides.places(anchor.q, anchor.growing), anchor.q, anchor.pose)[0]

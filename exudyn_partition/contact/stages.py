@@ -118,7 +118,14 @@ class PresentRows:
         The sides, perhaps only with the nodes that these rows need.
     unpaired : int
         Number of the slave's points that faced nothing when the rows were found.
+
+    Attributes
+    ----------
+    made_at : Anchor or None
+        Where rows were made that have the flexibility of that place alone; None for others.
     """
+
+    made_at: Anchor | None = None
 
     def __init__(self, points: ContactPoints, leaves_at: Array, sides: Sides, unpaired: int = 0) -> None:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area

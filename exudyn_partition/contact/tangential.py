@@ -255,7 +255,7 @@ class TangentialRows:
             nodes, weights, normals = nodes[numbers], weights[numbers], normals[numbers]
             loaded, index = LoadedNodes.of(side, nodes), np.arange(len(index))
         else:
-            loaded = gaps.loaded_nodes(place)
+            loaded = gaps.anchoring.loaded_nodes(place)
         normals, carried = side.kinematics.in_frame(q, normals), (loaded.column[nodes], weights)
         return loaded, loops.directed_rows(points, index, *carried, normals, in_body, len(loaded.nodes))
 
@@ -267,7 +267,7 @@ class TangentialRows:
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         gaps, axis = self.gaps, self.axis
         find = self._part_of_whole if self._keeps_whole else self._flexibility
-        return gaps.at_anchor(("directed", axis), gaps.anchored(SAME), lambda: find(index), index)
+        return gaps.anchoring.kept(("directed", axis), SAME, lambda: find(index), index)
 
     @property
     def _keeps_whole(self) -> bool:
@@ -288,7 +288,7 @@ class TangentialRows:
         """See `law.RowDirections`."""
         if self._keeps_whole:
             return self._whole[::3].take(directions(index), axis=1)
-        return self.gaps.found_at(self.gaps.anchored(SAME), lambda: self._pushing(index))
+        return self.gaps.anchoring.found_at(self.gaps.anchoring.anchor(SAME), lambda: self._pushing(index))
 
     def _pushing(self, index: Array) -> Array:
         """See `pushing`; found from the sides' flexibilities, and that between them."""
@@ -319,7 +319,7 @@ class TangentialRows:
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis count as other rows."""
         gaps = self.gaps
-        return Standing(gaps.stage.rows, gaps.anchored(SAME), self.axis)
+        return Standing(gaps.stage.rows, gaps.anchoring.anchor(SAME), self.axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
@@ -335,7 +335,7 @@ class TangentialRows:
             loaded, rows = self._some_side_rows(place, everything)
             return congruence(rows, loaded.F, threes=True)
 
-        return gaps.at_anchor((OF_SIDE, place, self.axis), gaps.anchored(SAME), make)
+        return gaps.anchoring.kept((OF_SIDE, place, self.axis), SAME, make)
 
     def across(self, index: Array | None = None) -> Array:
         """See `NormalRows.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""

@@ -116,7 +116,6 @@ class WanderingGaps(PatchGaps):
             self._near_points = near.points(self.all_points)
         both = zip(self._start.rows.sides, (near.slave_facets, near.master_facets), self.witnesses, strict=True)
         self.sides = Sides(side.part(facets, witnesses) for side, facets, witnesses in both)
-        self._loaded = {}
         self.follow()
         self._parted_at = here
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
@@ -241,7 +240,7 @@ class WanderingRigidGaps(RigidGaps):
         rows = present.stage.rows
         choice = rows.choice if isinstance(rows, ChosenRows) else None
         if choice != self._choice:
-            self._choice, self._loaded = choice, {}
+            self._choice = choice
             self.sides = Sides((self._whole if choice is None else choice.side,))
 
     def after(self) -> GapState:

@@ -16,8 +16,9 @@ from ...algebra.friction import MANY, OPEN, FrictionProblem
 from ...algebra.products import Solved, dense
 from ...support.arrays import Array
 from .. import loops
+from ..anchoring import SAME
 from ..followed import BULGE, WIDER
-from ..gaps import SAME, Gaps
+from ..gaps import Gaps
 from ..law import Forces, Law, Places, RowDirections
 from ..normal_rows import NormalRows
 from ..row_flexibility import RowFlexibility
@@ -108,7 +109,7 @@ class NormalCompliance(Law):
     def _answer_as_before(self, h: Array, least: float) -> Forces | None:
         """Answer in one compiled call if the same rows may close as before, and have hardly moved since; else None."""
         gaps, near = self.gaps, self._near
-        if near is None or self._stood[:2] != (gaps.stage.rows, gaps.anchor) or not loops.at_once():
+        if near is None or self._stood[:2] != (gaps.stage.rows, gaps.present.anchor) or not loops.at_once():
             return None
         problem, (_, _, then, share) = self.problem, self._stood
         stance = gaps.stance(), then, SAME
@@ -152,8 +153,8 @@ class NormalCompliance(Law):
             closed[nodes[rows]] = True
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
             self._posed = None  # the problem of the frozen rows is lost
-        anchor = self.gaps.anchor
-        stance = NOTHING if anchor is None else self.gaps.stance_at(anchor)
+        anchor = self.gaps.present.anchor
+        stance = NOTHING if anchor is None else self.gaps.anchoring.stance(anchor)
         self._stood = self.gaps.stage.rows, anchor, stance, share
         return near
 
