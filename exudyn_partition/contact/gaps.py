@@ -67,6 +67,34 @@ class GapState:
     growing: Array = field(default_factory=lambda: NOTHING)
 
 
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """How the sides of a contact are placed before a run.
+
+    Parameters
+    ----------
+    approach : (3,) array
+        Unit vector along which the slave approaches its counterpart.
+    clearance : float
+        Smallest gap of the rows [m].
+    faced : bool
+        Whether the slave faces its counterpart. If not, the first rows are those of a pose in which it does. They give
+        flexibility and stiffness. The first evaluation replaces them.
+    pressed : bool
+        Whether an overlap is meant. Load steps close it.
+    """
+
+    approach: Array
+    clearance: float
+    faced: bool = True
+    pressed: bool = False
+
+    @property
+    def overlap(self) -> float:
+        """Largest overlap of the rows [m], if it is meant; else zero."""
+        return max(-self.clearance, 0.0) if self.pressed else 0.0
+
+
 class Gaps:
     """Present gap rows of a patch, and the effects of forces on them. Subclasses define the counterpart.
 
@@ -79,11 +107,7 @@ class Gaps:
         Where the rows are now.
     stage : Stage
         That of `present`: the present rows, and quantities derived from them.
-    approach : (3,) array
-        Unit vector along which the slave approached at the start.
-    faced : bool
-        Whether the slave faced its counterpart at the start. If not, the first rows are those of a pose in which it
-        does. They give flexibility and stiffness. The first evaluation replaces them.
+    placement : Placement
     searches : int
         Number of searches for the pairs of all points since the start of the run.
     carried : bool
@@ -92,10 +116,6 @@ class Gaps:
         What carries it.
     between : (d np, d np) array, SkinBlock or None
         Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
-    clearance : float
-        Smallest gap of the rows as the sides are placed [m].
-    pressed : bool
-        Whether an overlap of the sides as they are placed is meant. Load steps close it.
     reach : float
         Gap at which forces begin [m]. Rows with smaller gaps are present.
     anywhere : bool
@@ -121,13 +141,10 @@ class Gaps:
     size: float
     present: Present
     stage: Stage
-    approach: Array
-    faced: bool = True
+    placement: Placement
     carried: bool = False
     carrier: Carrier = Carrier()
     between: Flexibility | None = None
-    clearance: float
-    pressed: bool = False
     reach: float = 0.0
     anywhere: bool = False
     furthest: float = np.inf
@@ -140,11 +157,6 @@ class Gaps:
     accepted: GapState
     _start: Stage
     _start_q: Array
-
-    @property
-    def overlap(self) -> float:
-        """Largest overlap of the rows as the sides are placed [m], if it is meant; else zero."""
-        return max(-self.clearance, 0.0) if self.pressed else 0.0
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """Points of the rows as the sides are placed, normals there, (p, 3), and gaps of the rows, (nr,) [m]."""

@@ -115,8 +115,8 @@ class PatchContact:
             result.parts = replace(result.parts, zones=self.zones.for_run(method))
         result._begin_run()
         if method == "static":
-            result._find_rates, result.opening = None, self.gaps.overlap
-            least = self.gaps.clearance + result.opening if result.opening else np.inf
+            result._find_rates, result.opening = None, self.gaps.placement.overlap
+            least = self.gaps.placement.clearance + result.opening if result.opening else np.inf
             result.evaluation = result._at_start(least)
         return result
 

@@ -29,7 +29,7 @@ from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .anchoring import Anchoring
 from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, Search, limit_at
-from .gaps import Gaps, GapState
+from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
@@ -81,10 +81,11 @@ class PatchGaps(Gaps):
         centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
         self.sides = Sides((slave.seen_from(centre), master.seen_from(centre)))
         self.all_points, self._start_q, self.anchoring = pairing.points, pairing.pose, Anchoring(self)
-        self.faced = not pairing.pose.any()
-        self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
+        rows = pairing.rows
+        clearance, faced = float(rows.gap.min(initial=np.inf)), not pairing.pose.any()
+        self.placement = Placement(rows.approach, clearance, faced, pressed)
+        self.size = rows.facet_size
         self.furthest = NEAR * self.size
-        self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
         self.present = Present(self._start, self._start_q, None, None, NOTHING)
@@ -344,7 +345,7 @@ class PatchGaps(Gaps):
         projection = self._projection(self.all_points, slave, master)
         paired = facing(projection, slave.normal_here, self.size, ALONG_LINE)
         least = projection.gap[paired].min(initial=np.hypot(projection.gap, projection.offset).min())
-        return rows_of(self.all_points, projection, paired, slave, master, self.approach), float(least)
+        return rows_of(self.all_points, projection, paired, slave, master, self.placement.approach), float(least)
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""

@@ -18,7 +18,7 @@ from ..surfaces.points import ContactPoints, RowKind
 from . import loops
 from .anchoring import Anchoring
 from .carrier import Carrier
-from .gaps import Gaps, GapState
+from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .pairings import points_of, values_on_plane
 from .rigid_mesh import RigidMesh
@@ -257,8 +257,7 @@ class RigidGaps(Gaps):
         self._start_q, self.anchoring = np.zeros(self.n), Anchoring(self)
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
         self.return_to(Present(self._start, self._start_q, None, None, NOTHING))
-        self.pressed, self.clearance = pressed, float(gap.min())
-        self._face_surface(gap)
+        self.placement = self._face_surface(gap, pressed=pressed)
         linear = slave.kinematics.linear and not slave.surface.wanders
         if linear and isinstance(surface, RigidPlane) and pose is None:
             no_drift = np.zeros((0, self.n)), np.zeros(0)
@@ -398,8 +397,10 @@ class RigidGaps(Gaps):
         """Outward normal with which the patch faces the surface, (3,)."""
         return self.slave.surface.direction
 
-    def _face_surface(self, gap: Array) -> None:
+    def _face_surface(self, gap: Array, *, pressed: bool) -> Placement:
         """Find how the patch faces the surface at the start, where rows have gaps, (nr,) [m].
+
+        `pressed` is whether an overlap is meant. A body that does not face the surface, and can turn, starts turned.
 
         Raises
         ------
@@ -409,20 +410,21 @@ class RigidGaps(Gaps):
             If rows begin inside the surface.
         """
         deepest, surface = int(gap.argmin()), self.slave.surface
-        self.approach, node = -self.stage.normal[deepest], self.row_nodes[deepest]
+        approach, node = -self.stage.normal[deepest], self.row_nodes[deepest]
         direction = self._direction(node)
-        self.faced = bool(self.approach @ direction > 0)
-        if not self.faced and (self.slave.kinematics.linear or surface.wanders):
+        faced = bool(approach @ direction > 0)
+        if not faced and (self.slave.kinematics.linear or surface.wanders):
             raise InputError(
                 f"master: the slave's patch, with outward normal {direction}, faces away from the rigid "
-                f"surface; the normal there is {-self.approach}. Turn the normal, or choose another patch"
+                f"surface; the normal there is {-approach}. Turn the normal, or choose another patch"
             )
-        if not self.pressed and gap[deepest] < -PENETRATION_TOLERANCE * self.size:
+        if not pressed and gap[deepest] < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"{np.count_nonzero(gap < 0)} of {len(gap)} contact rows start inside the rigid surface, the worst by "
                 f"{-gap[deepest]:.4g} m at {surface.points[node]} m. Move the body by at least that "
                 "(referencePosition)"
             )
-        if not self.faced:  # a body that turns may face it later
-            nearest = surface.points[node] + gap[deepest] * self.approach
-            self._start_q = self.slave.turned_to(nearest, -self.approach, gap[deepest])
+        if not faced:  # a body that turns may face it later
+            nearest = surface.points[node] + gap[deepest] * approach
+            self._start_q = self.slave.turned_to(nearest, -approach, gap[deepest])
+        return Placement(approach, float(gap.min()), faced, pressed)

@@ -29,7 +29,7 @@ from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
 from .anchoring import Anchoring
 from .carrier import Carrier
-from .gaps import Gaps, GapState
+from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .nearest_faces import NearestFaces
 from .rigid import RigidPlane, RigidSurface
@@ -168,7 +168,7 @@ class SpotGaps(Gaps):
         stage, gap = self._stage_at(rows, rows.sides.places(self._start_q, self.growing), self._start_q)
         self._check_start(rows, stage, gap)
         self._start_rows = rows
-        self.all_points, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
+        self.all_points, self.placement = rows.points, Placement(-stage.normals[0], float(gap[0]))
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
         self.return_to(Present(self._start, self._start_q, self._start.places, None, NOTHING))
 
@@ -215,7 +215,6 @@ class SpotGaps(Gaps):
         return ball_on_plane and self.sides[0].kinematics.linear and stays
 
     def _frozen(self, stage: SpotStage, gap: Array) -> Frozen:
-        self.stage = stage
         H = stage.on_coordinates(self._start_q)
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))

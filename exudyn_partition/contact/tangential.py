@@ -55,7 +55,7 @@ class TangentialRows:
                     "of its normal alone; make it by Partition.ball(..., axes='xyz')"
                 )
         self.gaps = gaps
-        self._first = int(abs(gaps.approach).argmin())
+        self._first = int(abs(gaps.placement.approach).argmin())
         self._axis = self._first  # of the last present rows: those at an anchor follow it
         self._places: list[Array] | None = None
         self._places_of: object = None

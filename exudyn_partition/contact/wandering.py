@@ -148,7 +148,7 @@ class WanderingGaps(PatchGaps):
         if self._apart_by_far:
             return self._pairing.rows, self._least
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        return near_rows(self._near_points, slave, master, self.approach)
+        return near_rows(self._near_points, slave, master, self.placement.approach)
 
     def _normals_of(self, points: ContactPoints, slave: Surface) -> Array:
         """See `PatchGaps`."""

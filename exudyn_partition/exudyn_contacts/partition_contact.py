@@ -265,7 +265,7 @@ class PartitionContact(Item[Any]):
     def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
         """Return a function of the sample: gap of the surface's lowest point [m]; None if it is not known."""
         gaps = self.mechanics.gaps.fresh()
-        if gaps.carried or (gaps.pressed and result.method == "static"):  # load steps move the surfaces apart
+        if gaps.carried or (gaps.placement.pressed and result.method == "static"):  # load steps move the surfaces apart
             return None
         try:
             dents = dent_motion(self, result)
@@ -444,7 +444,7 @@ class PartitionContact(Item[Any]):
             said.append(
                 "plastic strain in stresses and static answers that `recovery` and `output` compute: these are elastic"
             )
-        if not self.mechanics.gaps.faced:
+        if not self.mechanics.gaps.placement.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
         elif unpaired and not any(side.surface.wanders for side in self.mechanics.gaps.sides):
             slave = self.slave.name or "the slave"

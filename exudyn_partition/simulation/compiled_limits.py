@@ -82,7 +82,7 @@ def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has a surface on a body that moves"
         if mechanics.viscous:
             yield f"{named} has a viscous flexibility, by damping in proportion to the stiffness"
-        if mechanics.gaps.overlap:
+        if mechanics.gaps.placement.overlap:
             yield f"{named} is a press fit"
         if contact.slave == contact.master:
             yield f"{named} is of a body that touches itself"

@@ -413,7 +413,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
         content = {
             "friction": contact.friction.coulomb,
             "surface": rigid,
-            "interference": float(contact.mechanics.gaps.overlap),
+            "interference": float(contact.mechanics.gaps.placement.overlap),
             "formulation": (type(contact.formulation).__name__, options),
             "point of the moment": contact.moment_about,
             "areas": np.array(contact.mechanics.gaps.all_points.node_areas),

@@ -52,7 +52,7 @@ def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_bo
 
 def test_pairs_that_may_overlap_are_kept_apart_from_those_that_may_not(round_body, flat_body):
     slave = copy_of(round_body)
-    assert PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body), pressed=True).overlap > 0
+    assert PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body), pressed=True).placement.overlap > 0
     with pytest.raises(PenetrationError):
         PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body))
 

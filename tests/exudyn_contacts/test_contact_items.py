@@ -396,7 +396,7 @@ def test_a_body_that_faces_away_turns_until_it_hits(round_body, flat_body, surfa
         )  # fmt: skip
         contact = ep.CreatePartitionContact(mbs, slave, surface or ep.CreatePartitionBody(mbs, flat_body))
         mbs.Assemble()
-        assert contact.mechanics.gaps.faced == (angle == late)
+        assert contact.mechanics.gaps.placement.faced == (angle == late)
         assert any("do not face" in sentence for sentence in contact.left_out) == (angle != late)
         limit = ep.stability_limit(mbs)
         result = ep.solve_dynamic(mbs, end_time=wait + 0.36e-3, step=0.8e-6)

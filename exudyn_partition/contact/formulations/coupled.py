@@ -89,7 +89,7 @@ class Coupled:
         self._remembering = [contact for contact in self.contacts if contact.remembers]
         self._since: list[float] = []
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
-        self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
+        self._pressed = [contact for contact in self.contacts if contact.gaps.placement.overlap]
         self._viscous = any(contact.viscous for contact in self._remembering)
         self._between_rows = None  # that of other contacts
 

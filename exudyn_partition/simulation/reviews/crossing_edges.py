@@ -36,7 +36,7 @@ def looked_at(run: ReviewedRun, history: ContactHistory) -> Array:
     Until the load steps of a press fit have closed its overlap, surfaces lie within each other as they are meant to.
     """
     n = len(history.force)
-    if history.contact.mechanics.gaps.pressed and run.result.method == "static":
+    if history.contact.mechanics.gaps.placement.pressed and run.result.method == "static":
         return np.arange(n)[-1:] if run.result.status == "finished" else np.empty(0, dtype=int)
     starts = [first - 1 for first, _ in history.spans[:_STARTS] if first > 0]
     return np.union1d(np.array(starts, dtype=int), evenly(n, _LOOKED_AT))

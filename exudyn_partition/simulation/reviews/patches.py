@@ -117,7 +117,7 @@ def missed(run: ReviewedRun) -> Iterator[Finding]:
             yield far
         elif (sunk := _sunk(run, history)) is not None:
             yield sunk
-        elif not gaps.faced:  # bodies that turn may do so later
+        elif not gaps.placement.faced:  # bodies that turn may do so later
             patch = gaps.slave.surface
             yield Finding(
                 f"{called(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m "

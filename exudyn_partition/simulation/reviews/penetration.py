@@ -58,7 +58,7 @@ def overlap(run: ReviewedRun) -> Iterator[Finding]:
             continue
         within = ", within the tolerance of meshes" if depth <= PENETRATION_TOLERANCE * size else ""
         remedy = "Move one by that much (referencePosition, or the initial coordinates)"
-        if contact.mechanics.gaps.pressed:
+        if contact.mechanics.gaps.placement.pressed:
             remedy = "Press them together first, by ep.solve_static(mbs, update_initial=True)"
         yield Finding(
             f"{called(contact)} starts with an overlap of {depth:.3g} m{within}, but {energy}: it throws them apart. "

@@ -33,7 +33,7 @@ def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
     """
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
-        if gaps.overlap and run.result.method == "static":
+        if gaps.placement.overlap and run.result.method == "static":
             continue
         guessed = isinstance(gaps, PatchGaps) and gaps.guesses(shared=len(history.contact.group) > 1)
         elastic = history.contact.mechanics.law.residual and history.contact.mechanics.zones is None
