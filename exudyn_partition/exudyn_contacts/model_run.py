@@ -208,9 +208,8 @@ class ModelRun:
                 if last is None or not np.array_equal(run.coordinates_in(end.q), run.coordinates_in(initial)):
                     continue
                 counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
-                closed = (
-                    bool(mechanics.gaps.placement.overlap) and end.has_steps and end.ended_in(initial)
-                )  # by load steps
+                overlaps = bool(mechanics.gaps.placement.overlap)
+                closed = overlaps and end.has_steps and end.ended_in(initial)  # by load steps
                 if counts or mechanics.remembers or closed:
                     opening, moves = mechanics.opening, end.method != "static"
                     state = last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead)
