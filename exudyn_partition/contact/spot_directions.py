@@ -40,10 +40,10 @@ class SpotDirections(TangentialRows):
         """
         gaps = self.gaps
         spot, sign = gaps.spot_rows.spots[place], (1.0, -1.0)[place]
-        meeting, axes = gaps.meeting, gaps.sides[place].kinematics.frame(gaps.present.coordinates[place])[1]
+        meeting, axes = gaps.spot_stage.meeting, gaps.sides[place].kinematics.frame(gaps.present.coordinates[place])[1]
         kernel, outward = spot.kernel, meeting.outward[place]
         nodes, weights = gaps.stage.shares[place]
-        mean = sign * weights[0] @ gaps.body_points(place)[nodes[0]]
+        mean = sign * weights[0] @ gaps.makers[place].points[nodes[0]]
         lever = float((meeting.points[place] - mean) @ outward)
         turned = self.tangents[0] @ axes
         return kernel.nodes, -sign * lever * (kernel.slopes @ turned.T), axes @ outward
@@ -113,7 +113,7 @@ class SpotDirections(TangentialRows):
         gaps = self.gaps
         axes = gaps.sides[0].kinematics.frame(gaps.present.coordinates[0])[1]
         nodes, weights = gaps.stage.shares[0]
-        return np.asarray(axes @ (gaps.meeting.points[0] - weights[0] @ gaps.body_points(0)[nodes[0]]))
+        return np.asarray(axes @ (gaps.spot_stage.meeting.points[0] - weights[0] @ gaps.makers[0].points[nodes[0]]))
 
     def carrier_rows(self, index: Array) -> Array:
         """See `TangentialRows`."""

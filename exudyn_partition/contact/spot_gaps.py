@@ -71,9 +71,32 @@ class SpotRows(PresentRows):
 
     @FoundOnce
     def contact(self) -> PointContact:
-        """Hertz's contact of its own faces there; surfaces that touch along a line have none, see `at_point`."""
+        """Hertz's contact of its own faces there, which springs of friction keep.
+
+        Surfaces that touch along a line have none, see `at_point`.
+        """
         pair, axes, normal = self.touching
         return pair.contact(axes, normal)
+
+    @property
+    def even(self) -> bool:
+        """Whether `contact` is so nearly a circle that its axes would turn with the least motion."""
+        small, large = sorted(self.contact.curvatures)
+        return large - small <= _EVEN * large
+
+    @property
+    def shear(self) -> tuple[float, float]:
+        """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
+        along, across = self.contact.shear_moduli(self.touching[0].materials)
+        mean = (along + across) / 2
+        return (mean, mean) if self.even else (along, across)
+
+    def reaches(self, meeting: Meeting) -> bool:
+        """Whether the point of contact is near the centres of the spots."""
+        return all(
+            np.linalg.norm(point - spot.kernel.centre) <= _TILTED * spot.radius
+            for spot, point in zip(self.spots, meeting.points, strict=True)
+        )
 
     @property
     def lacking(self) -> Array:
@@ -119,50 +142,27 @@ class SpotGaps(Gaps):
         self.carried = pose is not None
         self.faces = tuple(faces)
         self._nearest = NearestFaces.of(sides, patches, surface, faces)
-        self._own, self._makers = self._nearest.own, self._nearest.makers
+        self.own, self.makers = self._nearest.own, self._nearest.makers
         self._prepare(sides)
 
     @property
     def contact(self) -> PointContact:
         """Hertz's contact of the two surfaces, where they are."""
-        if self.spot_rows.inside and self._own.round is not None:
-            return self._own.round
+        if self.spot_rows.inside and self.own.round is not None:
+            return self.own.round
         return self.spot_stage.contact
-
-    @property
-    def contact_then(self) -> PointContact:
-        """That of the contact's own faces alone, where the present row was made; springs of friction keep it."""
-        return self.spot_rows.contact
-
-    @property
-    def round(self) -> bool:
-        """Whether `contact_then` is a circle wherever the own faces touch: it has no axes."""
-        return self._own.round is not None and self._own.round.circular
-
-    @property
-    def even(self) -> bool:
-        """Whether `contact_then` is so nearly a circle that its axes would turn with the least motion."""
-        small, large = sorted(self.contact_then.curvatures)
-        return large - small <= _EVEN * large
-
-    @property
-    def shear(self) -> tuple[float, float]:
-        """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
-        along, across = self.contact_then.shear_moduli(self._own.materials)
-        mean = (along + across) / 2
-        return (mean, mean) if self.even else (along, across)
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
         self.sides = Sides(sides)
         self.size = self._nearest.size
-        self._middles = [maker.points.mean(axis=0) for maker in self._makers]
+        self._middles = [maker.points.mean(axis=0) for maker in self.makers]
         self.anchoring = Anchoring(self)
         self._start_q = np.zeros(self.n)
         meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier.pose))
         if not self.carried:
             self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
-        slave = self._makers[0].points
+        slave = self.makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
         rows = self._rows_at(Anchor(self._start_q, self.carrier.pose, NOTHING))
         stage, gap = self._stage_at(rows, rows.sides.places(self._start_q, self.growing), self._start_q)
@@ -178,7 +178,7 @@ class SpotGaps(Gaps):
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         """Raise if the spots cannot be computed, or if the true surfaces overlap at the start."""
-        for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
+        for maker, spot, side in zip(self.makers, rows.spots, self.sides, strict=True):
             alone = len(maker.face.facets) == len(side.surface.facets)
             touches = spot.covered and stage.share > 0.0 and (alone or gap[0] <= _TOUCHES * self.size)
             if touches or (alone and side.kinematics.linear and not side.surface.wanders):
@@ -197,7 +197,7 @@ class SpotGaps(Gaps):
     def _check_flexibility(self, number: int, outward: Array) -> None:
         """Raise InputError if a side has no flexibility along the line of contact; its normal is in its axes."""
         side = self.sides[number]
-        if not side.normal_only or isinstance(self._own.shapes[number].shape, RigidPlane):
+        if not side.normal_only or isinstance(self.own.shapes[number].shape, RigidPlane):
             return
         line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
         if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
@@ -210,7 +210,7 @@ class SpotGaps(Gaps):
     @property
     def _may_freeze(self) -> bool:
         """Whether the point of contact stays the same in the bodies, and gaps are linear in the coordinates."""
-        ball_on_plane = self._own.ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
+        ball_on_plane = self.own.ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
         stays = self._start_rows.inside and all(spot.covered for spot in self._start_rows.spots)
         return ball_on_plane and self.sides[0].kinematics.linear and stays
 
@@ -244,7 +244,7 @@ class SpotGaps(Gaps):
         The rigid surface's carrier is at a pose, (12,).
         """
         poses = []
-        for x, share, spot, maker, turned in zip(places, weights, rows.spots, self._makers, axes, strict=True):
+        for x, share, spot, maker, turned in zip(places, weights, rows.spots, self.makers, axes, strict=True):
             nodes = spot.kernel.nodes
             poses.append(Pose(share @ x[nodes], share @ maker.points[nodes], turned))
         return self._all_poses(poses, carried)
@@ -263,7 +263,7 @@ class SpotGaps(Gaps):
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
         meeting = self._nearest.on_faces(self._rough_poses(anchor.q, anchor.pose, anchor.growing))[0]
-        where = zip(self._makers, meeting.points, meeting.outward, strict=True)
+        where = zip(self.makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
         n = len(surface.points)
@@ -282,7 +282,7 @@ class SpotGaps(Gaps):
             face.from_seam(point) > 2 * _TILTED * spot.radius + self._nearest.width and face.holds(point, outward)
             for face, spot, point, outward in zip(self.faces, spots, meeting.points, meeting.outward, strict=True)
         )
-        rows.touching = self._own, self._axes(anchor.q, anchor.pose), meeting.normal
+        rows.touching = self.own, self._axes(anchor.q, anchor.pose), meeting.normal
         return rows
 
     def _stage_at(
@@ -296,7 +296,7 @@ class SpotGaps(Gaps):
         weights = [spot.kernel.weights for spot in rows.spots]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         meeting, owners = self._where(rows, self._poses(places, weights, rows, axes, pose))
-        where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
+        where = zip(rows.spots, self.makers, meeting.points, meeting.outward, strict=True)
         weights = [
             spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where
         ]
@@ -320,7 +320,7 @@ class SpotGaps(Gaps):
     def _stage_where(self, rows: SpotRows, meeting: Meeting, owners: tuple[int, ...], poses: list[Pose]) -> SpotStage:
         """Stage of a row without its weights; poses are those of both sides."""
         stage = SpotStage(rows, meeting.normal[None].copy(), ())
-        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self._own.modulus
+        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self.own.modulus
         stage.shared_by = self._nearest.shared_by(meeting, owners, rows.inside)
         stage.share = math.prod(float(by.shares[0]) for by in stage.shared_by) * self._left(rows, meeting)
         return stage
@@ -328,7 +328,7 @@ class SpotGaps(Gaps):
     def _tilts(self, rows: SpotRows, places: list[Array], stage: SpotStage) -> tuple[Array, ...]:
         """See `SpotStage.tilts`."""
         tilts = []
-        parts = zip(rows.spots, self._makers, places, stage.poses, stage.meeting.outward, strict=False)
+        parts = zip(rows.spots, self.makers, places, stage.poses, stage.meeting.outward, strict=False)
         for spot, maker, x, pose, outward in parts:
             nodes = spot.kernel.nodes
             along = x[nodes] @ (pose.axes @ outward) - maker.points[nodes] @ outward
@@ -339,22 +339,10 @@ class SpotGaps(Gaps):
         """Share of the contact that is left at the end of patches; none where surfaces do not touch."""
         if self._nearest.behind(meeting, rows.spots):
             return 0.0
-        parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
+        parts = zip(self.makers, rows.spots, meeting.points, meeting.outward, strict=True)
         return math.prod(
             spot.left(maker.points, maker.face.around, point, outward) for maker, spot, point, outward in parts
         )
-
-    def _reaches(self, rows: SpotRows, meeting: Meeting) -> bool:
-        """Whether the point of contact is near the centres of the spots."""
-        return all(
-            np.linalg.norm(point - spot.kernel.centre) <= _TILTED * spot.radius
-            for spot, point in zip(rows.spots, meeting.points, strict=True)
-        )
-
-    @property
-    def meeting(self) -> Meeting:
-        """Where the surfaces are nearest now."""
-        return self.spot_stage.meeting
 
     @property
     def spot_stage(self) -> SpotStage | FrozenSpot:
@@ -364,14 +352,9 @@ class SpotGaps(Gaps):
         return stage
 
     @property
-    def share(self) -> float:
-        """Share of the contact that is on the faces of both sides now."""
-        return self.spot_stage.share
-
-    @property
     def beside(self) -> bool:
         """See `Gaps.beside`."""
-        return self.share == 0.0
+        return self.spot_stage.share == 0.0
 
     def goes_on_as(self, other: SpotGaps) -> bool:
         """Whether another contact of the same patches shares this one, near seams of their faces."""
@@ -388,7 +371,7 @@ class SpotGaps(Gaps):
             return -np.inf
         parts = zip(self._of_faces, self.sides.split(q), self.sides.growths(self.growing), strict=True)
         places = [side.seen.place(*part) for side, *part in parts]
-        points = [maker.points[face.nodes] for maker, face in zip(self._makers, self.faces, strict=True)]
+        points = [maker.points[face.nodes] for maker, face in zip(self.makers, self.faces, strict=True)]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         poses = [Pose(x.mean(axis=0), X.mean(axis=0), turn) for x, X, turn in zip(places, points, axes, strict=True)]
         both = zip(poses, points, places, strict=True)
@@ -396,9 +379,9 @@ class SpotGaps(Gaps):
         whole = self._all_poses(poses, self.carrier.pose)
         least = self._nearest.meeting(whole).gap - deformed
         if len(places) > 1:
-            least = max(least, hull_distance(*places) - sum(map(self._reach_of, self._makers)))
+            least = max(least, hull_distance(*places) - sum(map(self._reach_of, self.makers)))
         for number, x in enumerate(places if least <= 0.0 else ()):
-            gaps = self._own.shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
+            gaps = self.own.shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
             least = max(least, float(gaps.min()) - self.size - deformed)
         return least
 
@@ -414,19 +397,11 @@ class SpotGaps(Gaps):
         return face.bulge + max(beyond, self._nearest.width if len(face.seam) else 0.0)
 
     @property
-    def mismatch(self) -> float:
-        """Dundurs' constant beta of both bodies: how much normal forces move their surfaces along each other."""
-        materials = [maker.material for maker in self._makers]
-        along = [(1 - 2 * material.nu) / material.shear_modulus for material in materials]
-        normal = sum((1 - material.nu) / material.shear_modulus for material in materials)
-        return (along[0] - sum(along[1:])) / (2 * normal)
-
-    @property
     def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); meaningless in a circle."""
-        normal = self.meeting.normal
-        bent = self._own.bending(self._axes(self.present.q, self.stage.pose), normal)
-        size = 2 * max(self.contact_then.curvatures)
+        """Unit vector along the major semi-axis of `SpotRows.contact` here, in space, (3,); of no meaning in a circle."""
+        normal = self.spot_stage.meeting.normal
+        bent = self.own.bending(self._axes(self.present.q, self.stage.pose), normal)
+        size = 2 * max(self.spot_rows.contact.curvatures)
         return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
 
     def _axes(self, q: Array, carried: Array) -> list[Array]:
@@ -448,10 +423,6 @@ class SpotGaps(Gaps):
             fixed += (math.log(spot.radius) - _STUCK) * curved
         return factor, fixed
 
-    def body_points(self, place: int) -> Array:
-        """Nodes of one side's patch in the body's axes, from its centre of mass, undeformed, (np, 3) [m]."""
-        return self._makers[place].points
-
     @property
     def spot_rows(self) -> SpotRows:
         """The present row with its spots."""
@@ -472,7 +443,7 @@ class SpotGaps(Gaps):
             return self.stage.gap(q)
         pose, rows = self.carrier.pose, self.spot_rows
         stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
-        if not self._reaches(rows, stage.meeting):
+        if not rows.reaches(stage.meeting):
             rows = self._rows_at(Anchor(q.copy(), pose, self.growing))
             stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
         self._go_to_stage(stage, q)
@@ -491,7 +462,7 @@ class SpotGaps(Gaps):
         """See `Gaps.surface_gap`; it is the gap of the true surfaces."""
         rows = self.spot_rows
         stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)
-        if not self._reaches(rows, stage.meeting):
+        if not rows.reaches(stage.meeting):
             rows = self._rows_at(Anchor(q.copy(), self.carrier.pose, self.growing))
             gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)[1]
         return float(gap[0])
@@ -526,7 +497,7 @@ class SpotGaps(Gaps):
 
     def stance(self) -> Array:
         """See `Gaps.stance`: the point of contact on each side."""
-        return np.concatenate(self.meeting.points) / self.size
+        return np.concatenate(self.spot_stage.meeting.points) / self.size
 
     def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""

@@ -143,7 +143,7 @@ def test_distances_of_faces_are_bounded_by_where_their_facets_are(corner_contact
         edges = [
             np.linalg.norm(places[facet[:3]] - places[facet[[1, 2, 0]]], axis=1).max()
             for places, facet in (
-                (gaps.body_points(side), facet) for side, face in enumerate(gaps.faces) for facet in face.around
+                (gaps.makers[side].points, facet) for side, face in enumerate(gaps.faces) for facet in face.around
             )
         ]
         assert least < distance

@@ -211,7 +211,7 @@ def rolled(dome):
         answers = [member.at(q) for member in members]
         forces = [float(answer.on_rows.sum()) for answer in answers]
         generalised, stored = sum(answer.generalised for answer in answers), sum(answer.stored for answer in answers)
-        return forces, [member.gaps.share for member in members], q, generalised, stored
+        return forces, [member.gaps.spot_stage.share for member in members], q, generalised, stored
 
     found, height = [], 0.0
     for angle in np.radians(30) + np.linspace(-0.03, 0.09, 49) + 0.00125:  # the seam is between two of them
