@@ -1,4 +1,4 @@
-"""Gap rows of a patch in motion, and the generalised forces that follow from forces on the rows.
+"""Gap rows of a patch in motion.
 
 `Gaps.jacobian` is G_C of the paper (eq. 25-27).
 
@@ -96,65 +96,68 @@ class Placement:
 
 
 class Gaps:
-    """Present gap rows of a patch, and the effects of forces on them. Subclasses define the counterpart.
+    """Gap rows of a patch in motion: which are present, and where. Subclasses define the counterpart.
+
+    What follows from where the rows are is asked of their `stage`, as forces on the nodes, and of `present`. A run
+    changes where the rows are, inputs of the next evaluation, and `accepted`; the sides change where contact wanders.
 
     Attributes
     ----------
     sides : Sides
     size : float
         Size of the facets, the scale of motion [m].
-    present : Present
-        Where the rows are now.
-    stage : Stage
-        That of `present`: the present rows, and quantities derived from them.
+    all_points : ContactPoints
+        Points of all rows of the slave's patch, whether they are present or not.
     placement : Placement
-    searches : int
-        Number of searches for the pairs of all points since the start of the run.
+    between : (d np, d np) array, SkinBlock or None
+        Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
     carried : bool
         Whether an Exudyn body carries the rigid surface.
     carrier : Carrier
         What carries it.
-    between : (d np, d np) array, SkinBlock or None
-        Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
-    reach : float
-        Gap at which forces begin [m]. Rows with smaller gaps are present.
     anywhere : bool
         Whether the sides may meet anywhere, and be far from each other for long.
     furthest : float
         Distance above which there are no rows [m].
-    yielding : tuple of float or None
-        Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
+    reach : float
+        Gap at which forces begin [m]. Rows with smaller gaps are present.
+    anchoring : Anchoring
+        Where the flexibility of the rows is found.
+    present : Present
+        Where the rows are now.
+    stage : Stage
+        That of `present`: the present rows, and what is derived from them.
+    accepted : GapState
+        State at the end of the last accepted step. Each try of a step begins from it.
     growing : (6 k,) array
         Products of angular velocities by which each of the k sides grows in the next evaluation [rad2/s2], see `grow`:
         an input, as the pose of the carrier. Empty if none does.
+    yielding : tuple of float or None
+        Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     within : float
         Gap up to which rows are present at least, because forces may push them shut [m]: a guess, see `follow_pushed`.
-    all_points : ContactPoints
-        Points of all rows of the slave's patch, whether they are present or not.
-    anchoring : Anchoring
-        Where the flexibility of the rows is found.
-    accepted : GapState
-        State at the end of the last accepted step. Each try of a step begins from it.
+    searches : int
+        Number of searches for the pairs of all points since the start of the run.
     """
 
     sides: Sides
     size: float
-    present: Present
-    stage: Stage
+    all_points: ContactPoints
     placement: Placement
+    between: Flexibility | None = None
     carried: bool = False
     carrier: Carrier = Carrier()
-    between: Flexibility | None = None
-    reach: float = 0.0
     anywhere: bool = False
     furthest: float = np.inf
-    yielding: tuple[float, ...] | None = None
-    searches: int = 0
-    growing: Array = NOTHING
-    within: float = 0.0
-    all_points: ContactPoints
+    reach: float = 0.0
     anchoring: Anchoring
+    present: Present
+    stage: Stage
     accepted: GapState
+    growing: Array = NOTHING
+    yielding: tuple[float, ...] | None = None
+    within: float = 0.0
+    searches: int = 0
     _start: Stage
     _start_q: Array
 
@@ -226,15 +229,15 @@ class Gaps:
     def _take_rows(self, state: GapState) -> None:
         """Take the rows of a state."""
 
-    def go_to(self, state: GapState) -> Array:
+    def at_state(self, state: GapState) -> Array:
         """Go to where a state was reached, and return the gaps of its rows, (nr,) [m]."""
         growing, self.growing = self.growing, state.growing
-        gap = self._gaps_in(state)
+        gap = self._at_state(state)
         self.growing = growing
         return gap
 
-    def _gaps_in(self, state: GapState) -> Array:
-        """See `go_to`."""
+    def _at_state(self, state: GapState) -> Array:
+        """See `at_state`."""
         return self.at(state.q)
 
     def at(self, q: Array) -> Array:
@@ -355,7 +358,7 @@ class Gaps:
         """Largest `reach` [m]. Here all rows are present."""
         return np.inf
 
-    def begin_at(self, reach: float) -> None:
+    def reach_to(self, reach: float) -> None:
         """Let forces begin at gaps of `reach` [m]; see the attribute.
 
         Raises

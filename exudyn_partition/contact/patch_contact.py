@@ -88,7 +88,7 @@ class PatchContact:
         if law.elastic and law.memory:
             raise InputError(f"law {type(law).__name__}: it has a memory, which only laws with elastic = False have")
         if law.reach:
-            gaps.begin_at(law.reach)
+            gaps.reach_to(law.reach)
         self.parts = ContactParts(rows, law, friction, None, betas if law.residual and any(betas) else None)
         self.parts = replace(self.parts, zones=formulation.zones(self))
         self._begin_run()
@@ -502,7 +502,7 @@ class PatchContact:
     def _begin_evaluation(self) -> None:
         """Let the last answer be that of the state."""
         state = self.state
-        gap, rows = self.gaps.go_to(state.gaps) + self.opening, self.rows
+        gap, rows = self.gaps.at_state(state.gaps) + self.opening, self.rows
         if isinstance(rows, TangentialRows):
             rows.record_places()
         self.evaluation = Evaluation(

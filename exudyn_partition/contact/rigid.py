@@ -344,7 +344,7 @@ class RigidGaps(Gaps):
         gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, growing, x)
         return OnRigid(rows, normals, x, where), gap
 
-    def _gaps_in(self, state: GapState) -> Array:
+    def _at_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
         return self._gaps_at(state.q, state.pose) if len(state.pose) else self.at(state.q)
 

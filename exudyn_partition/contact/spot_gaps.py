@@ -398,7 +398,7 @@ class SpotGaps(Gaps):
 
     @property
     def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of `SpotRows.contact` here, in space, (3,); of no meaning in a circle."""
+        """Unit vector along the major semi-axis of `SpotRows.contact`, in space, (3,); of no meaning in a circle."""
         normal = self.spot_stage.meeting.normal
         bent = self.own.bending(self._axes(self.present.q, self.stage.pose), normal)
         size = 2 * max(self.spot_rows.contact.curvatures)
@@ -486,7 +486,7 @@ class SpotGaps(Gaps):
             stage = self._stage_at(rows, rows.sides.places(q, self.growing), q)[0]
             self._put_stage(stage)
 
-    def _gaps_in(self, state: GapState) -> Array:
+    def _at_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
         if not len(state.pose):
             return self.at(state.q)

@@ -359,7 +359,7 @@ def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, c
         every = Everywhere(side, plane)
         gaps = WanderingRigidGaps(side, plane) if kind == "a rigid plane" else WanderingGaps(side, inertial(face))
     reach = min(gaps.longest_reach, 0.5 * gaps.size)
-    gaps.begin_at(reach)
+    gaps.reach_to(reach)
     run, seen, other = gaps.fresh(), 0, np.zeros(gaps.n - side.n)
     heights = reach * np.r_[np.linspace(2.0, -0.1, 20), np.linspace(-0.1, 0.9, 12)]
     with contextlib.nullcontext() if compiled else without_numba():
