@@ -153,7 +153,7 @@ class Springs:
             return None
         ends = self._ends(max(since, reach))
         width, directions = np.diff(ends), self._ways @ np.array([spoke, [-spoke[1], spoke[0]]])
-        (before, _), (now, slope) = (_free_way(ends, a) for a in (since, reach))
+        (before, _), (now, slope) = (_integrals_of_free_way(ends, a) for a in (since, reach))
         ways = []
         for along in (now - before, slope * reach / (3 * force)):
             mean = np.divide(np.diff(along), width, out=np.zeros_like(width), where=width > 0.0)
@@ -198,7 +198,7 @@ def spokes_of(mismatch: float) -> int:
     return _SPOKES if abs(mismatch) > _ALIKE else 1
 
 
-def _free_way(x: Array, a: float) -> tuple[Array, Array]:
+def _integrals_of_free_way(x: Array, a: float) -> tuple[Array, Array]:
     """Integrals from 0 to x of W in `Springs.driven`, and of its derivative by a; outside W stays as at the edge."""
     if not a:
         return 2 / 3 * x**3, np.zeros_like(x)
