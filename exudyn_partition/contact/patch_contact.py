@@ -19,7 +19,7 @@ from ..support.attributes import copied
 from ..support.checks import read_only
 from .evaluation import ContactParts, Evaluation
 from .gaps import Gaps
-from .law import Forces, Law, LawMaker, Motion, Places
+from .law import Forces, Law, LawMaker, Motion, Places, check_forces
 from .memory import on_rows
 from .normal_rows import NormalRows
 from .plasticity.nodal_zones import NodalZones
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from typing import Self
 
 
-_NO_ARRAY = np.dtype(object)  # for what has no type of its entries
 _ROUND_OFF = 1e-9  # of forces times gaps: energy below zero that is less is none
 _STICKING = 1e6  # coefficient of friction with which no row slips
 
@@ -211,11 +210,6 @@ class PatchContact:
         """See `ContactParts`."""
         return self.parts.damped
 
-    @property
-    def searches(self) -> int:
-        """Searches for the pairs of all points since the start of the run."""
-        return self.gaps.searches
-
     # Answers.
 
     def at(self, q: Array, motion: Motion | None = None) -> Evaluation:
@@ -288,34 +282,8 @@ class PatchContact:
             return self.answered(self._all_open(), evaluated_gap, least)
         places = self._places(h, pushed, motion, least)
         forces = law.answer(places)
-        self._check(forces, len(h))
+        check_forces(law, forces, len(h), self.rows.d)
         return self.answered(forces, evaluated_gap, least, places)
-
-    def _check(self, forces: Forces, n: int) -> None:
-        """Raise InputError if a law's answer for n rows cannot be right."""
-        law, name = self.law, type(self.law).__name__
-        if not isinstance(forces, Forces):
-            raise InputError(f"law {name}: expected an answer of type contact.law.Forces, got {type(forces).__name__}")
-        if getattr(forces.on_rows, "shape", None) != (n, self.rows.d):
-            raise InputError(
-                f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
-                f"{np.shape(forces.on_rows)}"
-            )
-        if getattr(forces.closed, "dtype", _NO_ARRAY).kind not in "iu":
-            raise InputError(
-                f"law {name}: expected numbers of the closed rows, an array of integers as np.flatnonzero(forces) "
-                f"returns it, got {getattr(forces.closed, 'dtype', type(forces.closed).__name__)}"
-            )
-        if not (isinstance(forces.power, float) and isinstance(forces.taken, float)):
-            _check_energies(name, forces)
-        if law.elastic and (forces.power or forces.taken):
-            raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
-        remembered = None if forces.memory is None else np.shape(forces.memory)
-        if (law.memory or remembered) and remembered != (n, law.memory):
-            raise InputError(
-                f"law {name}: expected a memory of shape {(n, law.memory)}, rows by the values that `memory` of the "
-                f"law says, got {remembered}"
-            )
 
     def places(self, gap: Array, pushed: Array | None = None) -> Places:
         """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`.
@@ -627,15 +595,6 @@ def _way(rows: TangentialRows, pushed: Array | None) -> Array:
 def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:
     """Rates of rows, (nr, d) [m/s]; zero without a motion."""
     return np.zeros((len(rows.gaps.row_nodes), rows.d)) if motion is None else rows.rates(motion.q_t)
-
-
-def _check_energies(name: str, forces: Forces) -> None:
-    """Raise InputError if the energies in the answer of a law of this name are no numbers."""
-    for key, value in (("power", forces.power), ("taken", forces.taken)):
-        if np.ndim(value) != 0:
-            raise InputError(
-                f"law {name}: expected one number as `{key}`, the sum over the rows, got the shape {np.shape(value)}"
-            )
 
 
 def _refuse_rates(law: Law, motion: Motion | None) -> Array:

@@ -166,7 +166,7 @@ class ModelRun:
     @property
     def pair_searches(self) -> int:
         """Searches of the pairs of all points so far."""
-        return sum(run.mechanics.searches for run in self._members.runs)
+        return sum(run.mechanics.gaps.searches for run in self._members.runs)
 
     def contact_run(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
