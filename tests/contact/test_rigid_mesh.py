@@ -179,7 +179,7 @@ def test_rows_within_a_thin_sheet_are_as_deep_as_within_a_solid(round_body, shee
         closed = right < 0
         assert closed.any()
         np.testing.assert_allclose(found[closed], right[closed], atol=1e-12)
-        np.testing.assert_allclose(gaps[1].normal[closed], np.tile([0, 0, 1.0], (closed.sum(), 1)), atol=1e-12)
+        np.testing.assert_allclose(gaps[1].stage.normal[closed], np.tile([0, 0, 1.0], (closed.sum(), 1)), atol=1e-12)
 
 
 def test_how_much_of_a_sheet_is_left_before_a_row():

@@ -102,7 +102,7 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
     h = np.linspace(-1e-6, 3e-6, len(law.gaps.at(q)))
     if on_demand:
         h[(h > 0.11e-6) & (h < 0.3e-6)] = 2e-6
-        monkeypatch.setattr(PatchGaps, "on_demand", True)
+        law.gaps.sides.on_demand = True
     pushed = h < -depths * h.min()
     F = 1e-9 * (np.eye(len(h)) - 0.95 / pushed.sum() * np.outer(pushed, pushed))
     flexible = RowFlexibility(F)

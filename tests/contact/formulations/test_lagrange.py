@@ -57,20 +57,18 @@ class FlatSides(tuple):
 class FlatRows:
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    n, size, moving, linear, row_nodes, sides, q = 2, 1.0, False, None, np.arange(40), FlatSides(), None
+    n, size, moving, row_nodes, sides = 2, 1.0, False, np.arange(40), FlatSides()
     H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
     slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
 
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = SimpleNamespace(
-        stage=SimpleNamespace(
-            rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
-        )
-    )
-
-    stage = present.stage
+    stage = SimpleNamespace(
+        linear=None, rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)),
+        resultant=lambda lam: np.array([0.0, 0.0, lam.sum()]),
+    )  # fmt: skip
+    present = SimpleNamespace(stage=stage, q=None)
 
     def return_to(self, present):
         """The rows are never elsewhere."""

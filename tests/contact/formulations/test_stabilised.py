@@ -312,14 +312,6 @@ class FlatRows(SimpleNamespace):
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = SimpleNamespace(
-        stage=SimpleNamespace(
-            rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
-        )
-    )
-
-    stage = present.stage
-
     def return_to(self, present):
         """The rows are never elsewhere."""
 
@@ -335,9 +327,6 @@ class FlatRows(SimpleNamespace):
     def jacobian(self, index):
         return self.H[index]
 
-    def acted(self, lam):
-        return lam @ self.H, np.zeros(3)
-
     def flexibility(self, index):
         met = np.linalg.inv(4 / self.step**2 * np.diag(self.mass))
         return self.H[index] @ met @ self.H[index].T
@@ -350,9 +339,14 @@ def flat_rows():
         mass=sp.diags([2.0, 0.5], format="csr"), stiffness=sp.csr_matrix((2, 2)), rows=lambda nodes: np.zeros((120, 2))
     )
     kinematics = SimpleNamespace(body=body, nodes=np.arange(40))
-    side = Side(surface, kinematics)
+    side, H = Side(surface, kinematics), np.column_stack([np.ones(40), x])
+    stage = SimpleNamespace(
+        rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), acted=lambda lam, q: (lam @ H, np.zeros(3)),
+        resultant=lambda lam: np.array([0.0, 0.0, lam.sum()]),
+    )  # fmt: skip
     return FlatRows(
-        H=np.column_stack([np.ones(40), x]), n=2, row_nodes=np.arange(40), slave=side, sides=FlatSides((side,)),
+        H=H, stage=stage, present=SimpleNamespace(stage=stage, q=None), n=2,
+        row_nodes=np.arange(40), slave=side, sides=FlatSides((side,)),
         moving=False, mass=np.array([2.0, 0.5]), step=1e-3, size=1.0,
     )  # fmt: skip
 
