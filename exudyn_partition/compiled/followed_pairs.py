@@ -122,11 +122,12 @@ class FollowedPair:
         """State at the model's coordinates q, (nq,)."""
         gaps, anchored = self.gaps, self._anchors.anchored[self.s]
         self._take_anchor()
-        frozen = None if gaps.moving else gaps.after().frozen
+        now = gaps.after()
+        frozen = None if gaps.moving else now.frozen
         of_pair = q[self._following.dofs]
         anchor = gaps.present.anchor if anchored else None
         growing = growing_of(gaps, self.products)
-        return GapState(of_pair, NOTHING, anchor, frozen, None, self._stood, int(self._steps[0]), growing)
+        return GapState(of_pair, NOTHING, anchor, frozen, now.chosen, self._stood, int(self._steps[0]), growing)
 
     @property
     def products(self) -> Array:

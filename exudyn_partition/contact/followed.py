@@ -28,7 +28,7 @@ from ..surfaces.rows import ContactRows
 from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
 from .sides import Sides
-from .stages import FEW, NOTHING, Pair, PresentRows, Shares, Stage
+from .stages import FEW, NOTHING, Anchor, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed as CompiledRows
@@ -84,6 +84,8 @@ class Search:
         Place of the slave relative to the master [m].
     reach : float
         Motion after which all points are searched again [m].
+    anchor : Anchor
+        Where they were searched.
 
     Attributes
     ----------
@@ -91,8 +93,8 @@ class Search:
         How often points were projected since: `pairs` belong to the last time.
     """
 
-    def __init__(self, pair: Pair, every: ContactRows, x_s: Array, here: Array, reach: float) -> None:
-        self.every, self.here, self.reach, self.projections = every, here, reach, 0
+    def __init__(self, pair: Pair, every: ContactRows, x_s: Array, here: Array, reach: float, anchor: Anchor) -> None:
+        self.every, self.here, self.reach, self.anchor, self.projections = every, here, reach, anchor, 0
         self.pairs = MovingPairs(pair.sides[1].surface, every.facet, every.local)
         # Places of the slave's nodes in the frame of its three witness nodes: rigid motion is found from them.
         origin, axes = triangle_frame(x_s[pair.witnesses[0]])

@@ -48,7 +48,8 @@ class GapState:
     frozen : (n,) array or None
         Coordinates at which the pairs were found that are frozen; None while pairs are followed.
     chosen : Anchor or None
-        Where the rows that can close were chosen, if contact wanders over a patch.
+        Where the rows that can close were chosen, if contact wanders over a patch, or where all points were searched
+        whose pairs are followed.
     stood : (3, 3) array or None
         Place of the slave relative to the master when it was last asked whether the patches slide [m].
     steps : int

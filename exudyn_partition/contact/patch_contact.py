@@ -283,6 +283,8 @@ class PatchContact:
         places = self._places(h, pushed, motion, least)
         forces = law.answer(places)
         check_forces(law, forces, len(h), self.rows.d)
+        if not math.isfinite(float(forces.on_rows.sum()) + forces.power + forces.taken):
+            _refuse_what_is_no_number(type(law).__name__, forces, motion)
         return self.answered(forces, evaluated_gap, least, places)
 
     def places(self, gap: Array, pushed: Array | None = None) -> Places:
@@ -595,6 +597,15 @@ def _way(rows: TangentialRows, pushed: Array | None) -> Array:
 def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:
     """Rates of rows, (nr, d) [m/s]; zero without a motion."""
     return np.zeros((len(rows.gaps.row_nodes), rows.d)) if motion is None else rows.rates(motion.q_t)
+
+
+def _refuse_what_is_no_number(name: str, forces: Forces, motion: Motion | None) -> None:
+    """Raise an error because of an answer of a law of this name to finite gaps that is not finite itself."""
+    if motion is not None and not math.isfinite(float(motion.q_t.sum())):
+        raise ComplementarityError("the velocities are not finite: the run has become unstable")
+    values: dict[str, Array | float] = {"on_rows": forces.on_rows, "power": forces.power, "taken": forces.taken}
+    wrong = " and ".join(key for key, value in values.items() if not np.isfinite(value).all())
+    raise InputError(f"law {name}: expected finite numbers for finite gaps and velocities, got others in {wrong}")
 
 
 def _refuse_rates(law: Law, motion: Motion | None) -> Array:

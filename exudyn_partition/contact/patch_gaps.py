@@ -21,14 +21,14 @@ from ..algebra.sparse.skin_flexibility import Flexibility
 from ..support.arrays import Array
 from ..surfaces.facing import ALONG_LINE, closest_met, facing, opposite
 from ..surfaces.loops import at_points
-from ..surfaces.pairs import continue_past_rim, hold
+from ..surfaces.pairs import continue_past_ends, hold
 from ..surfaces.points import ContactPoints, RowKind
 from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, rows_of
 from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
 from .anchoring import Anchoring
-from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, Search, limit_at
+from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, FollowedRows, Search, limit_at
 from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
@@ -115,7 +115,7 @@ class PatchGaps(Gaps):
             steps += 1
             if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), stage.here, 0
-        return GapState(present.q, stage.pose, present.anchor, frozen, None, stood, steps, present.growing)
+        return GapState(present.q, stage.pose, present.anchor, frozen, self._searched_at, stood, steps, present.growing)
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
@@ -131,7 +131,9 @@ class PatchGaps(Gaps):
     def accept(self, state: GapState) -> None:
         """See `Gaps`."""
         super().accept(state)
-        if self.moving and state.frozen is not None:  # they stand still again, or slid in a step that is given up
+        if state.frozen is None:
+            self._search_as(state)
+        elif self.moving:  # they stand still again, or slid in a step that is given up
             self._freeze_at(state.frozen)
 
     def _take_rows(self, state: GapState) -> None:
@@ -140,6 +142,21 @@ class PatchGaps(Gaps):
             self._freeze_at(state.frozen)
         elif not self.moving:
             self.follow()
+
+    @property
+    def _searched_at(self) -> Anchor | None:
+        """Where all points were searched: those that faced the master then are followed. None if none are."""
+        rows = self.stage.rows
+        return rows.search.anchor if isinstance(rows, FollowedRows) else None
+
+    def _search_as(self, state: GapState) -> None:
+        """Follow the rows of the search that a state's rows come from."""
+        anchor, now = state.chosen, self._searched_at
+        if anchor is not None and (now is None or not now.equals(anchor)):
+            self.follow()
+            growing, self.growing = self.growing, anchor.growing
+            self.at(anchor.q)
+            self.growing = growing
 
     def _freeze_at(self, q: Array) -> None:
         """Freeze the pairs at coordinates q, (n,)."""
@@ -199,7 +216,7 @@ class PatchGaps(Gaps):
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         projection, start = self._projection(rows.points, slave, master), self.sides[1].surface
         places, nodes = rows.points.at(x_s), x_m[master.facets]
-        past, _ = continue_past_rim(projection, places, nodes, start.neighbours[0], self.size)
+        past, _ = continue_past_ends(projection, places, nodes, start.ends_of_facets, self.size)
         hold(projection, np.flatnonzero(~past), places, nodes, start.others, self.size)
         shares = (rows.points.nodes, rows.points.weights), (master.facets[projection.facet], -projection.weights)
         stage = Stage(rows, projection.normal, shares)
@@ -378,7 +395,8 @@ class PatchGaps(Gaps):
         near, at_least = (MET, 0.0) if self.anywhere else (NEAR, SEARCHED)
         within = near * self.size if within is None else within
         if least <= within:
-            return Search(self, every, places[0], here, SEARCHED * self.size).choose(self, places, here)
+            anchor = Anchor(q.copy(), NOTHING, self.growing)
+            return Search(self, every, places[0], here, SEARCHED * self.size, anchor).choose(self, places, here)
         # If the patches are far apart, the next search waits until they may be near.
         reach = max(at_least * self.size, 0.25 * (least - within))
         points, index = every.points.of_rows(np.empty(0, dtype=np.int64))

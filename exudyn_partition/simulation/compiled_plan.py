@@ -368,12 +368,9 @@ def give_anchors(moves: Moves, state: Start) -> None:
                 contact.gaps.accept_anchor(Anchor(anchors.q[s, contact.dofs], NOTHING, growing))
     states = (*(state.pairs or ()), *(state.rubbing_pairs or ()))
     for pair, of_pair in zip((*moves.pairs, *moves.rubbing_pairs), states, strict=True):
-        if pair.gaps.may_freeze:
-            pair.gaps.begin(of_pair)
-            if pair.gaps.moving and len(pair.gaps.row_nodes):  # `Gaps.after` counts the last step
-                pair.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
-        elif of_pair.anchor is not None:
-            pair.gaps.accept_anchor(of_pair.anchor)
+        pair.gaps.begin(of_pair)
+        if pair.gaps.may_freeze and pair.gaps.moving and len(pair.gaps.row_nodes):  # `Gaps.after` counts the last step
+            pair.gaps.accept(replace(of_pair, steps=of_pair.steps - 1))
 
 
 def initial_start(mbs: MainSystem) -> Start:

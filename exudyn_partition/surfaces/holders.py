@@ -22,6 +22,9 @@ from ..support.arrays import Array
 FOLLOWED = 2e-6  # of a facet: how far a point may pass its edge
 AS_NEAR = 1e-8  # of a facet's size: difference of distances that are the same
 BESIDE = 4.0  # of FOLLOWED: within it, other facets may have the point
+BESIDE_ENDS = 0.6  # of a facet's size: points further past an end than this do not come back before the next search
+ON_END = 1e-6  # of a facet's size: round-off of a point that lies on the end of a patch
+ALONG = 0.1  # of a facet, and more as points are further past: next to it, facets beside may be as near past an end
 _SHARP = 0.5  # sine of the angle between normals on both sides, above which an edge is sharp
 _SKEW = 2.0  # by angle and height above the surface: distance from an edge within which both facets may have a point
 
@@ -90,6 +93,36 @@ def depths(local: Array, n_nodes: int) -> list[Array]:
 def least_depth(local: Array, n_nodes: int) -> Array:
     """Least of these distances, (k,)."""
     return np.asarray(reduce(np.minimum, depths(local, n_nodes)))
+
+
+def past_ends(local: Array, ends: Array, n_nodes: int) -> tuple[Array, Array]:
+    """How far points are past the ends of a patch, (k,) [m], and how far from the other edges of their facets, (k,).
+
+    Parameters
+    ----------
+    local : (k, 2) array
+        Coordinates of the points in their facets, which are continued past the ends.
+    ends : (k, number of edges) array
+        `Surface.ends_of_facets` of each point's facet [m].
+    n_nodes : int
+        Nodes of a facet.
+
+    Returns
+    -------
+    (k,) array, (k,) array
+        Zero where a point is not past an end; the least depth in the facet's coordinates, infinite if all edges are
+        ends.
+    """
+    depth = np.stack(depths(local, n_nodes), axis=1)
+    return (-depth * ends).max(axis=1, initial=0.0), np.where(ends > 0.0, np.inf, depth).min(axis=1)
+
+
+def stray(out: Array, inner: Array, size: float) -> Array:
+    """Which points past the ends of a patch may have another facet, (k,) bool; see `past_ends`, and `size` [m].
+
+    They are back on the patch, or not far enough from where the next facet begins.
+    """
+    return (out <= ON_END * size) | ((out <= BESIDE_ENDS * size) & (inner < ALONG + out / size))
 
 
 def places_beside(local: Array, n_nodes: int, within: Array) -> Array:

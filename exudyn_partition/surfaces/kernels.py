@@ -28,6 +28,20 @@ def nearest_edge(r: float, s: float, quad: bool) -> tuple[float, int]:
 
 
 @inlined
+def past_ends(r: float, s: float, f: int, ends: Array, quad: bool) -> tuple[float, float]:
+    """How far a point of a facet is past the ends of its patch [m], and from its other edges, see `holders`."""
+    out, inner = 0.0, np.inf
+    for edge in range(ends.shape[1]):
+        opposite = 1 - s if quad else r
+        depth = s if edge == 0 else (1 - r if quad else 1 - r - s) if edge == 1 else opposite if edge == 2 else r
+        if ends[f, edge] > 0.0:
+            out = max(out, -depth * ends[f, edge])
+        else:
+            inner = min(inner, depth)
+    return out, inner
+
+
+@inlined
 def is_quad(facets: Array) -> bool:
     """Whether facets are quadrilaterals, of four or eight nodes."""
     return bool(facets.shape[1] == 4 or facets.shape[1] == 8)

@@ -14,7 +14,7 @@ from numba.experimental import structref
 from ..support.arrays import Array
 from ..support.compiled import compiled, inlined, inner
 from ..support.struct_kernels import StructType, define_struct
-from .holders import AS_NEAR, BESIDE
+from .holders import ALONG, AS_NEAR, BESIDE, BESIDE_ENDS, ON_END
 from .kernels import (
     cross,
     cross_edge,
@@ -24,6 +24,7 @@ from .kernels import (
     is_quad,
     nearest_edge,
     newton_steps,
+    past_ends,
     place_all,
     turned,
     weigh,
@@ -47,10 +48,10 @@ class Moving(structref.StructRefProxy):
         Numbers of the points among all.
     starts, columns, means : arrays
         The csr matrix of the rows, (nr, k).
-    facets, across, its_edge, turns, middles, table, around, lean : arrays
+    facets, across, its_edge, ends, turns, middles, table, around, lean : arrays
         Of the master, see `pairs.MovingPairs`.
     past, gone : (p,) bool arrays
-        Of all points.
+        Of all points: whether they are past an end of the patch, and whether they face nothing.
     facet, local, step, last : (k,) int array, (2, k) arrays
         Of the last projection: facets, coordinates before the last step of Newton's method, and this step; how far the
         points have moved since the projection before. Loops take their transposes, (k, 2): as such, those of a single
@@ -68,6 +69,7 @@ class Moving(structref.StructRefProxy):
     facets: Array
     across: Array
     its_edge: Array
+    ends: Array
     turns: Array
     middles: Array
     table: Array
@@ -107,10 +109,10 @@ def depth(r: float, s: float, quad: bool) -> float:
 def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size: float) -> tuple[Array, Array, Array]:
     """Normals, (k, 3), and gaps, (k,), of points that have moved, see `pairs.MovingPairs.follow`.
 
-    Facets, local coordinates and last steps of `m` become those of the new places. Points past the edge of the patch
-    have a gap of `size`. The last result are the points that must be searched for, because they have left their facet
-    and are not on its neighbour either. Until then, they have normal and gap to the neighbour, or to their own facet if
-    there is none.
+    Facets, local coordinates and last steps of `m` become those of the new places. Points that face nothing have a gap
+    of `size`. The last result are the points that must be searched for: those that have left their facet and are not on
+    its neighbour either, and those past an end of the patch that may have another facet. Until then, they have normal
+    and gap to the neighbour, or to their own facet if there is none.
     """
     index, facets, past, gone = m.index, m.facets, m.past, m.gone
     across, its_edge, turns, middles, table = m.across, m.its_edge, m.turns, m.middles, m.table
@@ -180,12 +182,17 @@ def follow_points(m: Moving, x_s: Array, x_m: Array, by: float, steps: int, size
         some[:n_some], x, facets, x_m, table, known, places, facet, local, step, last, along, gap, frames,
         m.around, m.lean, by, beside, AS_NEAR * size, steps,
     )  # fmt: skip
-    normal = np.empty((k, 3))
+    normal, n_some = np.empty((k, 3)), 0
     for i in range(k):
         normal[i, 0], normal[i, 1], normal[i, 2] = along[i, 0], along[i, 1], along[i, 2]
         if gone[index[i]]:
             gap[i] = size
-    return normal, gap, lost
+        elif past[index[i]]:
+            out, inner = past_ends(local[i, 0] + step[i, 0], local[i, 1] + step[i, 1], facet[i], m.ends, quad)
+            if out <= ON_END * size or (out <= BESIDE_ENDS * size and inner < ALONG + out / size):  # `holders.stray`
+                some[n_some] = i
+                n_some += 1
+    return normal, gap, np.concatenate((lost, some[:n_some])) if n_some > 0 else lost
 
 
 @compiled

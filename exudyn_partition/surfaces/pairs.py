@@ -13,8 +13,19 @@ from ..fe.edges import edge_middles
 from ..fe.shapes import TABLES, corners_of, curvature, shape_functions
 from ..support.arrays import Array
 from . import loops
-from .facing import EDGE_TOLERANCE
-from .holders import AS_NEAR, BESIDE, FOLLOWED, Others, depths, least_depth, places_beside
+from .holders import (
+    AS_NEAR,
+    BESIDE,
+    BESIDE_ENDS,
+    FOLLOWED,
+    ON_END,
+    Others,
+    depths,
+    least_depth,
+    past_ends,
+    places_beside,
+    stray,
+)
 from .points import ContactPoints
 from .projection import SETTLED, Projection, newton_step
 from .surface import Surface, closest_points
@@ -26,15 +37,14 @@ if TYPE_CHECKING:
 # and those of all nodes of the master, (np, 3) [m].
 Meeting = Callable[[ContactPoints], tuple[Projection, Array, Array, Array]]
 STEPS = 6
-_ON_EDGE = 1e-6  # of a facet's size: round-off of a point that lies on the patch
 
 
 class MovingPairs:
     """Points of one patch on the facets of another, which both move.
 
     Newton's method starts from the last closest point plus its last motion: in steady motion two steps are enough. A
-    point that leaves its facet is projected on the neighbour; if it is not there either, all facets are searched.
-    Points past the edge of the patch are not searched.
+    point that leaves its facet is projected on the neighbour; if it is not there either, all facets are searched. A
+    point past an end of the patch stays on its facet, which is continued, until another one may be as near.
 
     Parameters
     ----------
@@ -49,12 +59,15 @@ class MovingPairs:
     def __init__(self, master: Surface, facet: Array, local: Array) -> None:
         # Loops are compiled again for arrays of another layout.
         self.facets, self.size = np.ascontiguousarray(master.facets), master.facet_size
-        self._neighbours, self._others = master.neighbours, master.others
+        self._others, self._ends = master.others, master.ends_of_facets
+        # Points do not cross sharp edges: they are searched there, so that their normals decide which face they meet.
+        smooth = self._others.around[:, self._ends.shape[1] :, 1] >= 0
+        self._neighbours = np.where(smooth, master.neighbours[0], -1), master.neighbours[1]
         self._middles, self._turns = edge_middles(master.facets), master.turns
         self._facet, self._local, self._last = facet.copy(), local.copy(), np.zeros_like(local)
         self._past, self._gone = np.zeros((2, len(facet)), dtype=bool)
         table, others = TABLES[self.facets.shape[1]], (self._others.around, self._others.lean)
-        self._of_master = self.facets, *self._neighbours, self._turns, self._middles, table, *others
+        self._of_master = self.facets, *self._neighbours, self._ends, self._turns, self._middles, table, *others
         nf = len(self.facets)
         self._room = np.empty(nf, dtype=bool), np.empty((nf, len(table), 3))
         # Of compiled loops: the points that they follow, their numbers, and how far these have moved last.
@@ -95,14 +108,14 @@ class MovingPairs:
         Returns
         -------
         (k, 3) array, (k,) array
-            Normals, and gaps [m]; the gap of points past the edge of the patch is the size of a facet.
+            Normals, and gaps [m]; the gap of points that face nothing is the size of a facet.
         """
         if loops.at_once():
             normal, gap, lost = loops.follow(self.moving(points, index), x_s, x_m, FOLLOWED, STEPS, self.size)
         else:
             found, lost = self._follow(index, points.at(x_s), x_m)
             self._here, normal = (found.facet, found.local, found.weights), found.normal
-            gap = np.where(self._gone.take(index), self.size, found.gap)
+            gap = found.gap
         if len(lost):
             self.search(points, index, lost, meet or self._closest_at(x_s, x_m), normal, gap)
         return normal, gap
@@ -158,14 +171,14 @@ class MovingPairs:
     ) -> None:
         """Project the points `lost` of those that were followed on all facets, and put their normals and gaps right.
 
-        Find out, too, which of them are past the edge, see `continue_past_rim`, and which face nothing any more.
+        Find out, too, which of them are past an end, see `continue_past_ends`, and which face nothing any more.
         """
         found, faces, x, x_m = meet(replace(points, nodes=points.nodes[lost], weights=points.weights[lost]))
         facet, local, rest = self._here
         searched, nodes = index[lost], x_m[self.facets]
-        past, gone = continue_past_rim(found, x, nodes, self._neighbours[0], self.size)
+        past, out = continue_past_ends(found, x, nodes, self._ends, self.size)
         hold(found, np.flatnonzero(~past), x, nodes, self._others, self.size)
-        gone |= ~faces
+        gone = ~faces | (out > BESIDE_ENDS * self.size)
         self._past[searched], self._gone[searched] = past, gone
         facet[lost], local[lost] = found.facet, found.local
         rest[lost] = 0.0 if self._points is points else found.weights
@@ -188,7 +201,7 @@ class MovingPairs:
         return loops.nodal_forces(self._moving, lam, normal, n_s, n_m) if loops.at_once() else None
 
     def _follow(self, index: Array, x: Array, x_m: Array) -> tuple[Projection, Array]:
-        """Follow points, x (k, 3), over edges; the second result are those that must be searched."""
+        """Follow points, x (k, 3), over edges; the second result are those that must be searched, (m,) int array."""
         facet, last = self._facet.take(index), self._last.take(index, axis=0)
         local = self._local.take(index, axis=0) + last
         left = self._on_patch(index, _outside(local, self.facets.shape[1], FOLLOWED))
@@ -203,7 +216,11 @@ class MovingPairs:
         held = hold(pairs, np.flatnonzero(~self._past[index]), x, x_m[self.facets], self._others, self.size)
         last[held] = 0.0
         self._facet[index], self._local[index], self._last[index] = pairs.facet, pairs.local, last
-        return pairs, lost
+        gone = self._gone[index]
+        pairs.gap[gone] = self.size
+        past = np.flatnonzero(self._past[index] & ~gone)
+        out, inner = past_ends(pairs.local[past], self._ends[pairs.facet[past]], self.facets.shape[1])
+        return pairs, np.concatenate([lost, past[stray(out, inner, self.size)]])
 
     def _on_patch(self, index: Array, left: Array) -> Array:
         """Those of the points `left`, numbers in `index`, that are not past the edge of the patch."""
@@ -267,10 +284,8 @@ def follow(points: Array, nodes: Array, facet: Array, local: Array, steps: int =
     return found
 
 
-def continue_past_rim(
-    found: Projection, points: Array, nodes: Array, across: Array, size: float
-) -> tuple[Array, Array]:
-    """Project points that are a little past the rim of a patch on their facets beyond it, as when they are followed.
+def continue_past_ends(found: Projection, points: Array, nodes: Array, ends: Array, size: float) -> tuple[Array, Array]:
+    """Project points that are a little past the ends of a patch on their facets beyond it, as when they are followed.
 
     So forces do not depend on when points were searched.
 
@@ -282,24 +297,26 @@ def continue_past_rim(
         Places of the points [m].
     nodes : (nf, n, 3) array
         Positions of the nodes of each facet [m].
-    across : (nf, number of edges) int array
-        Neighbour across each edge, -1 where there is none.
+    ends : (nf, number of edges) array
+        `Surface.ends_of_facets` [m].
     size : float
         Of the facets [m].
 
     Returns
     -------
-    two (k,) bool arrays
-        Which points are past the rim, and which by more than the tolerance.
+    (k,) bool array, (k,) array
+        Which points are past an end, and how far [m].
     """
-    on = np.stack(depths(found.local, nodes.shape[1]), axis=1) < _ON_EDGE
-    offset = np.where((on & (across[found.facet] < 0)).any(axis=1), found.offset, 0.0)
-    past, gone = offset > _ON_EDGE * size, offset > EDGE_TOLERANCE * size
-    beyond = np.flatnonzero(past & ~gone)
-    if len(beyond):
-        own = found.facet[beyond]
-        found.put(beyond, follow(points[beyond], nodes[own], own, found.local[beyond]))
-    return past, gone
+    n_nodes = nodes.shape[1]
+    on = np.stack(depths(found.local, n_nodes), axis=1) < ON_END
+    out = np.where((on & (ends[found.facet] > 0.0)).any(axis=1), found.offset, 0.0)
+    past = out > ON_END * size
+    near = np.flatnonzero(past & (out <= BESIDE_ENDS * size))
+    if len(near):
+        own = found.facet[near]
+        found.put(near, follow(points[near], nodes[own], own, found.local[near]))
+        out[near], _ = past_ends(found.local[near], ends[own], n_nodes)
+    return past, out
 
 
 def hold(found: Projection, some: Array, points: Array, nodes: Array, others: Others, size: float) -> Array:

@@ -155,6 +155,15 @@ class Surface:
         return neighbours_across(self.facets)
 
     @cached_property
+    def ends_of_facets(self) -> Array:
+        """Height of each facet above its edges where the patch ends [m], zero at others, (nf, number of edges)."""
+        corners = self.points[facet_corners(self.facets)]
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        area = np.linalg.norm(area_vectors(self.points, self.facets), axis=1)
+        heights = (2.0 if corners.shape[1] == 3 else 1.0) * area[:, None] / np.maximum(lengths, 1e-300)
+        return np.where(self.neighbours[0] < 0, heights, 0.0)
+
+    @cached_property
     def others(self) -> Others:
         """Facets that may have the points of a facet, too."""
         return Others.of(self.points, self.facets, self.neighbours[0])

@@ -126,10 +126,10 @@ def on_surface(body, *, frame="inertial", carried=False, surface=None, speed=(0.
     return mbs, [item], [contact]
 
 
-def on_plate(pair, *, frame="inertial", speed=(3.0, 0, -1.0), **options):
-    """A ball that hits a plate at an angle, and slides on it."""
+def on_plate(pair, *, frame="inertial", speed=(3.0, 0, -1.0), x=0.0, **options):
+    """A ball that hits a plate at an angle, x [m] beside its middle, and slides on it."""
     mbs, (ball, plate) = exu.SystemContainer().AddSystem(), pair
-    place = {"referencePosition": [0, 0, 1e-6], "initialVelocity": [*speed]}
+    place = {"referencePosition": [x, 0, 1e-6], "initialVelocity": [*speed]}
     items = [ep.CreatePartitionBody(mbs, ball, frame=frame, **place), ep.CreatePartitionBody(mbs, plate, frame=frame)]
     contact = ep.CreatePartitionContact(mbs, *items, **options)
     mbs.Assemble()
@@ -233,6 +233,32 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS)
 def test_patches_that_slide(pair, law, frame, tmp_path):
     assert_goes_on(lambda: on_plate(pair, frame=frame, **LAWS[law]), 12e-6, tmp_path / "cut.npz", ROUND_OFF)
+
+
+@pytest.mark.parametrize("solver", ["exudyn", "compiled"])
+@pytest.mark.parametrize(("friction", "where"), [(None, 1.45e-3), (MU, 1.3e-3)])
+def test_contact_that_slides_past_the_end_of_a_patch(pair, friction, where, solver, tmp_path):
+    """Which points face a patch is found from time to time. One that left it meanwhile counted on, until a new run."""
+    make = lambda: on_plate(pair, frame="floating", speed=(10, 2, -0.5), x=where, friction=friction)  # noqa: E731
+    assert_goes_on(make, 20e-6, tmp_path / "cut.npz", solver=solver)
+
+
+def test_corners_that_slide_over_each_other(tmp_path):
+    """Points leave one face past a sharp edge, and enter others. Some were points of a face that they had not met."""
+    fem = ep.fe_model(occ.Box(occ.Pnt(-4e-3, -3e-3, 0), occ.Pnt(4e-3, 3e-3, 3e-3)), ep.STEEL, maxh=1.5e-3)
+    block = ep.reduce(fem, ep.Partition.skin(fem), f_cut=150e3)
+
+    def make():
+        mbs = exu.SystemContainer().AddSystem()
+        place = {"referencePosition": [3.7e-3, 2.5e-3, 3.01e-3], "initialVelocity": [20.0, 10.0, -2.0]}
+        turning = {"initialAngularVelocity": [2000.0, 900.0, 500.0]}
+        upper = ep.CreatePartitionBody(mbs, block, frame="floating", **place, **turning)
+        both = upper, ep.CreatePartitionBody(mbs, block, frame="floating")
+        contact = ep.CreatePartitionContact(mbs, *both, friction=0.2)
+        mbs.Assemble()
+        return mbs, both, [contact]
+
+    assert_goes_on(make, 4e-6, tmp_path / "cut.npz", step=0.1e-6)
 
 
 @pytest.mark.parametrize("cut", [12e-6, 16e-6, 23e-6])

@@ -18,6 +18,14 @@ def single_points(n):
     return ContactPoints(np.arange(n)[:, None], np.ones((n, 1)), one, np.arange(n), np.ones(n), one)
 
 
+def sharp_corner():
+    """The lower face of a body, at z = 0, which ends at x = 0 in a wall."""
+    x = np.array([[-1, 0, 0], [-1, 1, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]], dtype=float)
+    facets = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]])
+    direction, rim, sharp = np.array([0.0, 0.0, -1.0]), np.empty(0, dtype=int), np.array([2, 3])
+    return Surface(x, facets, direction, rim, np.arange(6), wanders=True, sharp=sharp)
+
+
 @pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("quadratic", [True, False])
 def test_points_that_are_followed_over_facets_are_on_the_closest(round_body, flat_body, quadratic):
@@ -114,6 +122,54 @@ def test_points_a_little_past_the_edge_have_the_same_carriers_when_searched_and_
 
 
 @pytest.mark.usefixtures("each_path")
+@pytest.mark.parametrize("quadratic", [True, False])
+def test_points_past_the_end_of_a_patch_have_the_same_facets_wherever_they_come_from(round_body, quadratic):
+    """They slide out and along the end. They stayed on the facet by which they left, as long as none was searched."""
+    surface = round_body.surface(np.zeros(3))
+    surface = replace(surface, facets=surface.facets if quadratic else surface.facets[:, :3])
+    facet, edge = np.nonzero(surface.neighbours[0] < 0)
+    ends, size, rng = surface.points[surface.facets[facet, edge]], surface.facet_size, np.random.default_rng(3)
+    x, places = np.repeat(0.95 * ends + [0.0, 0.0, -2e-5], 4, axis=0), surface.points.copy()
+    ways = size * rng.normal(size=x.shape) * [1.0, 1.0, 0.05]
+    ways *= (0.4 / np.linalg.norm(ways, axis=1) * size)[:, None]
+    alone, index = single_points(len(x)), np.arange(len(x))
+
+    def begun(x):
+        found = closest_points(x, surface.points[surface.facets])
+        pairs = MovingPairs(surface, found.facet, found.local)
+        pairs.follow(alone, index, x, places)
+        return pairs
+
+    pairs = begun(x)
+    for share in np.linspace(0.05, 1.0, 20):
+        there = x + share * ways
+        normal, gap = pairs.follow(alone, index, there, places)
+        right, expected = begun(there).follow(alone, index, there, places)
+        np.testing.assert_allclose(gap, expected, rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(normal, right, rtol=0, atol=1e-8)
+    assert (pairs.facet != begun(x).facet).mean() > 0.2
+
+
+@pytest.mark.usefixtures("each_path")
+def test_points_do_not_cross_a_sharp_edge_because_they_moved_far_before():
+    """The corner below. A point within the body, whose last way leads past the corner, was one of the wall."""
+    surface, up = sharp_corner(), np.array([0.0, 0.0, 1.0])
+    depth, alone, places = 0.05, single_points(1), surface.points.copy()
+    found = closest_met(np.array([[-0.8, 0.9, depth]]), up, surface)
+    pairs = MovingPairs(surface, found.facet, found.local)
+    for x in (-0.8, -0.15, -0.1):
+        place = np.array([[x, 0.9, depth]])
+
+        def meet(points, place=place):
+            met = closest_met(place, up, surface)
+            return met, opposite(met.normal, up), place, places
+
+        normal, seen = pairs.follow(alone, np.arange(1), place, places, meet)
+        np.testing.assert_allclose(normal, [surface.direction], atol=1e-12)
+        np.testing.assert_allclose(seen, -depth, rtol=1e-9)
+
+
+@pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("past_the_end", [1e-6, 1e-4])
 def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_end):
     """The lower face of a body, at z = 0, ends in a wall at x = 0, which looks the way of the point's own wall.
@@ -121,12 +177,9 @@ def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_
     The point lies under the corner, flush with that wall and with the end of the patch. It slides a little past both,
     then back under the body. There it was still a point of the wall, with a negative gap though nothing touches.
     """
-    x = np.array([[-1, 0, 0], [-1, 1, 0], [0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]], dtype=float)
-    facets = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]])
-    direction, rim, sharp = np.array([0.0, 0.0, -1.0]), np.empty(0, dtype=int), np.array([2, 3])
-    surface = Surface(x, facets, direction, rim, np.arange(6), wanders=True, sharp=sharp)
+    surface = sharp_corner()
     gap, aside = 1e-3, 1e-5
-    up, alone, places = np.array([0.6, 0.0, 0.8]), single_points(1), x.copy()
+    up, alone, places = np.array([0.6, 0.0, 0.8]), single_points(1), surface.points.copy()
     found = closest_met(np.array([[0.0, 0.0, -gap]]), up, surface)
     pairs = MovingPairs(surface, found.facet, found.local)
     for way in (aside, aside, -aside, -10 * aside):
@@ -137,5 +190,5 @@ def test_points_beside_a_sharp_corner_stay_with_the_face_that_they_met(past_the_
             return met, opposite(met.normal, up), place, places
 
         normal, seen = pairs.follow(alone, np.arange(1), place, places, meet)
-        np.testing.assert_allclose(normal, [direction], atol=1e-12)
+        np.testing.assert_allclose(normal, [surface.direction], atol=1e-12)
         np.testing.assert_allclose(seen, gap, rtol=1e-9)

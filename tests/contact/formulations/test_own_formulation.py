@@ -209,6 +209,8 @@ def test_forces_of_another_shape_are_named(round_body, flat_body):
         (lambda lam, closed: Forces(lam, list(closed)), "numbers of the closed rows, .* list"),
         (lambda lam, closed: Forces(lam, closed, power=lam[:, 0]), r"one number as `power`, the sum .* \(\d+,\)"),
         (lambda lam, closed: Forces(lam, closed, taken=lam), r"one number as `taken`, the sum .* \(\d+, 1\)"),
+        (lambda lam, closed: Forces(np.nan * lam, closed), "finite numbers .* others in on_rows$"),
+        (lambda lam, closed: Forces(lam, closed, power=np.inf, taken=np.nan), "finite .* others in power and taken$"),
     ],
 )
 def test_an_answer_of_another_kind_is_named(round_body, flat_body, wrong, said):
