@@ -15,11 +15,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..contact.followed import BULGE, NEAR, WIDER, Apart, Followed
-from ..contact.gaps import GapState, Present
+from ..contact.gaps import GapState
 from ..contact.loops import flat_pair
 from ..contact.patch_gaps import PATIENCE, ROOM, PatchGaps
 from ..contact.side import Side
-from ..contact.stages import NOTHING, Anchor, Frozen, Stage
+from ..contact.stages import NOTHING, Anchor, Frozen, Present, Stage
 from ..contact.wandering import WanderingGaps
 from ..support.arrays import Array
 from ..surfaces.holders import FOLLOWED
@@ -125,7 +125,7 @@ class FollowedPair:
         now = gaps.after()
         frozen = None if gaps.moving else now.frozen
         of_pair = q[self._following.dofs]
-        anchor = gaps.anchor if anchored else None
+        anchor = gaps.present.anchor if anchored else None
         growing = growing_of(gaps, self.products)
         return GapState(of_pair, NOTHING, anchor, frozen, now.chosen, self._stood, int(self._steps[0]), growing)
 
@@ -140,10 +140,11 @@ class FollowedPair:
         if self._anchors.anchored[self.s]:
             q, products = self._anchors.anchors[self.s, self._following.dofs], self._anchors.growing[self.s]
             there = Anchor(q, NOTHING, growing_of(self.gaps, products))
-            if self.gaps.anchor is None or not self.gaps.anchor.equals(there):
-                self.gaps.go_on_at(there)
+            known = self.gaps.present.anchor
+            if known is None or not known.equals(there):
+                self.gaps.accept_anchor(there)
         else:
-            self.gaps.anchor = None
+            self.gaps.present.anchor = None
 
     def place(self, q: Array, q_before: Array, v: Array, h: Array) -> None:
         """Find the rows at the model's coordinates q, (nq,), and set the gaps of all rows of the patch among h.
@@ -195,8 +196,8 @@ class FollowedPair:
         if self.compiled is not None and isinstance(gaps.stage, Followed):  # where loops have followed it
             _, normals, here = self._room
             stage = Followed(gaps.stage.rows, normals.copy(), here.copy())
-            gaps.return_to(Present(stage, q, None, gaps.anchor, gaps.growing))
-        gaps.accept(GapState(q, NOTHING, gaps.anchor, None, None, self._stood, PATIENCE - 1))
+            gaps.return_to(Present(stage, q, None, gaps.present.anchor, gaps.growing))
+        gaps.accept(GapState(q, NOTHING, gaps.present.anchor, None, None, self._stood, PATIENCE - 1))
         gaps.accept(gaps.after())
         self._steps[0], self._stood = gaps.accepted.steps, gaps.accepted.stood
 
@@ -206,7 +207,8 @@ class FollowedPair:
         present: object = stage if isinstance(stage, Frozen) else stage.rows
         if present == self._stage:
             return
-        self._stage, self._slots = present, self.gaps.slots
+        self._stage = present
+        self._slots = self.gaps.all_points.rows_of(stage.rows.row_nodes)
         self.take_rows(stage)
         if self._loops is not None:
             self.compiled = self._for_loops(stage)
@@ -225,19 +227,20 @@ class FollowedPair:
         """The present rows for compiled loops."""
         found = self._loops
         assert found is not None, "asked for what is only done at once"
-        gaps, rows, of_anchor = self.gaps, stage.rows, None
+        gaps, rows, anchor = self.gaps, stage.rows, self.gaps.present.anchor
         sides = rows.sides
         both = [self._side(place, side) for place, side in enumerate(sides)]
         p = len(stage.normals)
         at_here, along = np.zeros((3, 3)), [np.zeros((p, 1 if side.normal_only else 3)) for side in sides]
         shape = p, sides[1].surface.facets.shape[1]
         carriers = np.zeros(shape, dtype=np.int64), np.zeros(shape)
-        if not isinstance(stage, Frozen) and p and (of_anchor := gaps.anchored_stage) is not None:
+        if not isinstance(stage, Frozen) and p and anchor is not None:
+            of_anchor = gaps.anchoring.stage(anchor)
             at_here[:], (carriers[0][:], carriers[1][:]) = of_anchor.here, of_anchor.shares[1]
-            for kept, side, q in zip(along, sides, gaps.sides.split(gaps.anchor.q), strict=True):  # type: ignore[union-attr]
+            for kept, side, q in zip(along, sides, gaps.sides.split(anchor.q), strict=True):
                 kept[:] = 1.0 if side.normal_only else side.kinematics.in_frame(q, of_anchor.normals)
-        elif gaps.anchor is not None:
-            at_here[:] = gaps.stance_at(gaps.anchor) * gaps.size
+        elif anchor is not None:
+            at_here[:] = gaps.anchoring.stance(anchor) * gaps.size
         nr = len(self._slots)
         normals = np.array(stage.normal) if isinstance(stage, Frozen) else np.zeros((p, 3))
         self._room = np.zeros(nr), normals, np.zeros((3, 3))
@@ -291,8 +294,8 @@ class FollowedPair:
         """Take an anchor here if rows have moved by more than `same` since the last one; whether that was done."""
         gaps, state = self.gaps, self._anchors
         self._take_anchor()
-        before = gaps.anchor
-        anchor = gaps.anchored(same)
+        before = gaps.present.anchor
+        anchor = gaps.anchoring.anchor(same)
         if anchor == before:
             return False
         state.anchored[self.s], state.fresh[self.s] = True, True
@@ -309,7 +312,7 @@ class FollowedPair:
 
     def watch_edge(self, values: Array, h: Array, lam: Array, q: Array) -> None:
         """See `moving_kernels.watch_edges`; `values`, `h` and `lam` are of all contacts, and of all their rows."""
-        state, leaves_at = self._anchors, self.gaps.leaves_at
+        state, leaves_at = self._anchors, self.gaps.stage.rows.leaves_at
         if not state.left[self.s] and values[self.contact, 1] > 0.0:
             depth, pushed = -h[self._rows][self._slots], lam[self._rows][self._slots] > 0.0
             if (pushed & ((leaves_at == 0.0) | (depth >= leaves_at))).any():

@@ -1,7 +1,7 @@
 """Bodies in floating frames, and contacts whose rows follow the motion, as a plan has them.
 
 Gaps of such rows are not linear in the coordinates. The flexibility of the rows changes with the normals, in the body's
-axes. It is found again when these have changed by `gaps.SAME` since it was found last, at the anchor, as in `Gaps`.
+axes. It is found again when these have changed by `anchoring.SAME` since it was found last, at the anchor, as there.
 """
 
 from __future__ import annotations
@@ -290,7 +290,7 @@ class MovingPlan:
     rigid, pairs : tuples of Following
         Contacts with rigid surfaces, those of `surfaces`, and of two bodies.
     bounds : (float, float, float)
-        `followed.BULGE`, `gaps.SAME`, and what regularisation adds, by the mean diagonal.
+        `followed.BULGE`, `anchoring.SAME`, and what regularisation adds, by the mean diagonal.
     rubbing, rubbing_pairs : tuples of Following
         Contacts with friction, and those that they move, on rigid surfaces and of two bodies, see `rubbing`. The state
         is not theirs.
@@ -350,12 +350,12 @@ def can_follow(gaps: Gaps) -> bool:
         return False
     if isinstance(gaps, RigidGaps):
         return not gaps.carried and gaps.primitive is not None and not gaps.slave.surface.wanders
-    return isinstance(gaps, PatchGaps) and gaps.between is None and not gaps.on_demand
+    return isinstance(gaps, PatchGaps) and gaps.between is None and not gaps.sides.on_demand
 
 
 def rows_of(gaps: Gaps) -> Array:
     """The slave's patch nodes of the rows that a plan has of a contact, (n,): if pairs are followed, of all rows."""
-    return gaps.all_nodes if isinstance(gaps, PatchGaps) and gaps.moving else gaps.row_nodes
+    return gaps.all_points.row_nodes if isinstance(gaps, PatchGaps) and gaps.moving else gaps.row_nodes
 
 
 def frames_of(bodies: Sequence[Turning]) -> Frames:
@@ -386,7 +386,7 @@ def surfaces_of(contacts: Sequence[Following]) -> Surfaces:
     primitives, sizes, axes = list[Primitive](), list[tuple[int, ...]](), list[Array]()
     numbers, indices = [list[Array]() for _ in range(8)], [list[Array]() for _ in range(3)]
     for _, _, _, gaps, (fields,) in contacts:
-        (side,), points, motion = gaps.sides, gaps.points, gaps.slave.seen
+        (side,), points, motion = gaps.sides, gaps.stage.rows.points, gaps.slave.seen
         assert isinstance(gaps, RigidGaps)
         assert gaps.primitive is not None
         primitives.append(gaps.primitive)
@@ -427,12 +427,12 @@ def anchors_of(contacts: Sequence[Following], n: int) -> Anchors:
     """Where contacts with rigid surfaces found their flexibility; n is the number of the model's coordinates."""
     ns = len(contacts)
     anchored, q, growing = np.zeros(ns, dtype=bool), np.zeros((ns, n)), np.zeros((ns, 12))
-    along = [np.zeros((len(contact.gaps.points.nodes), 3)) for contact in contacts]
+    along = [np.zeros((len(contact.gaps.stage.rows.points.nodes), 3)) for contact in contacts]
     for s, contact in enumerate(contacts):
-        if (anchor := contact.gaps.anchor) is not None:
+        if (anchor := contact.gaps.present.anchor) is not None:
             anchored[s], q[s, contact.dofs], growing[s, : len(anchor.growing)] = True, anchor.q, anchor.growing
             if not contact.gaps.slave.normal_only:
-                along[s] = contact.gaps.stance_at(anchor)
+                along[s] = contact.gaps.anchoring.stance(anchor)
     return Anchors(anchored, q, np.concatenate([np.zeros((0, 3)), *along]), growing)
 
 
@@ -446,14 +446,14 @@ def pairs_at(contacts: Sequence[Following], q: Array) -> tuple[GapState, ...]:
     states = []
     for contact in contacts:
         here = q[contact.dofs]
-        anchor = None if contact.gaps.anchor is None else Anchor(here, NOTHING, NOTHING)
+        anchor = None if contact.gaps.present.anchor is None else Anchor(here, NOTHING, NOTHING)
         states.append(replace(contact.gaps.accepted, q=here, anchor=anchor, growing=NOTHING))
     return tuple(states)
 
 
 def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
     """Anchors at coordinates of the model, (nq,): those of a model that is placed there."""
-    along = [np.zeros((len(contact.gaps.points.nodes), 3)) for contact in contacts]
+    along = [np.zeros((len(contact.gaps.stage.rows.points.nodes), 3)) for contact in contacts]
     for s, contact in enumerate(contacts):
         if not contact.gaps.slave.normal_only:
             there = contact.gaps.fresh()  # threads may work with others

@@ -18,11 +18,11 @@ from ..contact.kernels import (
     FlatContacts,
     FlatPoints,
     forces_of_frozen,
-    gaps_of_frozen,
     pushed_rigid,
     resultant,
     rigid_gaps,
     rows_along,
+    stay_frozen,
 )
 from ..frames.kernels import compose, end_velocities, inertia_force, on_constant_mass
 from ..frames.node_kernels import FlatNodes
@@ -321,7 +321,7 @@ def renew_anchor(
 
 @inner
 def anchor_surface(blocks: FlatBlocks, surfaces: Surfaces, state: MovingState, s: int, q: Array, same: float) -> bool:
-    """Find the flexibility of a moving contact if it is not that of its anchor, or that is far; see `Gaps.anchored`.
+    """Find the flexibility of a moving contact if it is not that of its anchor, or that is far; see `Anchoring.anchor`.
 
     Return whether it was found.
     """
@@ -549,7 +549,7 @@ def evaluate_moving(
         return 0
     rows, blocks, h = contacts.rows, contacts.blocks, contacts.h
     state.lost[0] = -1
-    if not gaps_of_frozen(rows, q, h):
+    if not stay_frozen(rows, q, h):
         return -1
     gaps_of_surfaces(surfaces, state, rows.starts, q, h)
     if not gaps_of_pairs(pairs, state, rows.starts, q, h):

@@ -206,8 +206,8 @@ def growing(state: MovingState, body: int) -> Array:
 
 
 @inner
-def gaps_of_frozen_pair(pair: Pair, q_j: Array, found: Array) -> bool:
-    """Set the gaps of frozen rows, (nr,), at coordinates of the pair; return whether its points stay frozen."""
+def stays_frozen(pair: Pair, q_j: Array, found: Array) -> bool:
+    """Whether points of a pair stay frozen at its coordinates; if so, set the gaps of its rows, (nr,)."""
     for i in range(len(pair.drift_start)):
         total = -pair.drift_start[i]
         for k in range(len(q_j)):
@@ -256,7 +256,7 @@ def gaps_of_pair(state: MovingState, pair: Pair, q: Array, gap: Array, following
     q_j = gathered(pair.dofs, 0, len(pair.dofs), q)
     if pair.frozen:
         found = np.empty(len(pair.slots))
-        if not gaps_of_frozen_pair(pair, q_j, found):
+        if not stays_frozen(pair, q_j, found):
             return False
     else:
         if pair.may_freeze and pair.steps[0] >= patience:

@@ -86,7 +86,7 @@ class PairRows(FollowedPair):
         if not (gaps.leaves_out and of_rows.any()):
             return False
         shared, least = not np.array_equal(gap, moved), float(moved.min())
-        lacks = gaps.follow_pushed(of_rows, gap, least, lambda: gaps.nodal_forces(of_rows), shared=shared)
+        lacks = gaps.follow_pushed(of_rows, gap, least, lambda: gaps.stage.nodal_forces(of_rows), shared=shared)
         self._within[0] = gaps.within
         return lacks
 
@@ -96,7 +96,7 @@ class PairRows(FollowedPair):
             values[5] = np.inf
         of_rows = lam[self._slots]
         if of_rows.any():
-            pushed, values[2:5] = self.gaps.acted(of_rows)
+            pushed, values[2:5] = self.gaps.stage.acted(of_rows, self.gaps.present.q)
             force[self._following.dofs] += pushed
 
     def anchor(self, same: float) -> bool:
@@ -109,6 +109,6 @@ class PairRows(FollowedPair):
         if state.found[self.s]:
             return False
         every = np.arange(len(self._slots))
-        F, anchor = NormalRows(gaps).flexibility(every), gaps.anchored(same)
-        gaps.found_at(anchor, lambda: self._set_flexibility(F))
+        F, anchor = NormalRows(gaps).flexibility(every), gaps.anchoring.anchor(same)
+        gaps.anchoring.found_at(anchor, lambda: self._set_flexibility(F))
         return True

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..contact.gaps import SAME as SAME_ALONE
+from ..contact.anchoring import SAME as SAME_ALONE
 from ..contact.normal_rows import NormalRows
 from ..contact.tangential import SAME as SAME_IN_THREE
 from ..contact.tangential import TangentialRows
@@ -169,7 +169,7 @@ def rubbing_of(
     parts = [*(core[link] for link in links), *fields]  # room of its own for each, even if they are equal
     numbers, places = np.concatenate([np.zeros(0), *map(np.ravel, parts)]), np.cumsum([0, *map(np.size, parts)])
     surfaces, directed = surfaces_of(contacts), [isinstance(of_rows, TangentialRows) for of_rows in rows]
-    first = [int(abs(one.gaps.approach).argmin()) for one in every]
+    first = [int(abs(one.gaps.placement.approach).argmin()) for one in every]
     return Rubbing(
         surfaces, tuple(pairs), np.array([groups[one.contact] for one in every], dtype=np.int64),
         np.array(first, dtype=np.int64), np.where(directed, SAME_IN_THREE, SAME_ALONE),

@@ -133,7 +133,7 @@ def rub(f: Friction, r: Rubs, surfaces: Surfaces | None, q: Array) -> bool:
 
 @inner
 def anchor_rubbing(f: Friction, r: Rubs, surfaces: Surfaces | None, g: int, q: Array) -> None:
-    """Find the flexibility of the rows of a group again that have moved far since, see `Gaps.anchored`."""
+    """Find the flexibility of the rows of a group again that have moved far since, see `Anchoring.anchor`."""
     if surfaces is not None:
         for s in range(len(surfaces.contact)):
             if r.groups[s] == g:

@@ -154,7 +154,7 @@ def slide_pair(f: Friction, r: Rubs, one: Pair, s: int, number: int) -> None:
 
 @inner
 def anchor_pairs(f: Friction, r: Rubs, pairs: Pairs | None, g: int, q: Array) -> None:
-    """Find the flexibility of the rows of a group again that have moved far since, see `Gaps.anchored`."""
+    """Find the flexibility of the rows of a group again that have moved far since, see `Anchoring.anchor`."""
     if pairs is not None:
         for number in range(len(pairs.addresses)):
             one, s = pair_at(pairs, number), pairs.offset + number

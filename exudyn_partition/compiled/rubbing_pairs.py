@@ -84,7 +84,8 @@ class RubbingPair(FollowedPair):
         self._friction.pushed[self._rows] = self._friction.gap[self._rows]
         self._q_before = q_before[self._following.dofs]
         if rows != self._stage:  # other nodes are followed
-            self._write(self.gaps.places_at(self.gaps.near_sides, self._then))
+            then = self._then
+            self._write(self.gaps.stage.rows.sides.places(then.q, then.growing))
 
     @property
     def _then(self) -> GapState:
@@ -105,9 +106,9 @@ class RubbingPair(FollowedPair):
     def _record(self) -> None:
         """Let rows slide from where they are."""
         state, gaps = self._state, self.gaps
-        self._write(gaps.places_now())
+        self._write(gaps.present.places)
         state.growing_before[self.s] = self.products
-        state.axes_before[self.s] = gaps.sides[1].kinematics.frame(gaps.coordinates[1])[1]
+        state.axes_before[self.s] = gaps.sides[1].kinematics.frame(gaps.present.coordinates[1])[1]
 
     # By NumPy, see `rubbing_pair_kernels`.
 
@@ -120,8 +121,8 @@ class RubbingPair(FollowedPair):
         flat = self._rough.rows
         normals = flat.numbers[flat.normals[self.contact] :][: 3 * (self._rows.stop - self._rows.start)].reshape(-1, 3)
         normals[:] = 0.0
-        normals[self._slots] = gaps.normal
-        self._state.axes[self.s] = gaps.sides[1].kinematics.frame(gaps.coordinates[1])[1]
+        normals[self._slots] = gaps.stage.normal
+        self._state.axes[self.s] = gaps.sides[1].kinematics.frame(gaps.present.coordinates[1])[1]
         if rows is not None:
             rows.record_places(self._then, soon=False)
             self._state.axis[self.s], self._rough.tangents[places] = rows.axis, rows.tangents
@@ -135,8 +136,8 @@ class RubbingPair(FollowedPair):
             state.found_axis[s] = -1
         if state.found_axis[s] != state.axis[s]:
             every, rows = np.arange(len(self._slots)), self._directed
-            F, anchor = rows.flexibility(every), self.gaps.anchored(self._plan.same[s])
-            self.gaps.found_at(anchor, lambda: self._set_flexibility(F))
+            F, anchor = rows.flexibility(every), self.gaps.anchoring.anchor(self._plan.same[s])
+            self.gaps.anchoring.found_at(anchor, lambda: self._set_flexibility(F))
 
     def _set_flexibility(self, F: Array) -> None:
         """Set the flexibility of the present rows, (d nr, d nr) [m/N], and their fields."""

@@ -155,7 +155,7 @@ class FlexibilityBetween(Between):
         contact, kept = self._contacts[j], self._kept.get((j, side))
         standing = contact.standing()
         if kept is None or standing != kept[0]:
-            matrix = contact.gaps.found_at(standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side)))
+            matrix = contact.gaps.anchoring.found_at(standing.anchor, lambda: sp.csr_matrix(contact.side_rows(side)))
             used = np.unique(matrix.indices)
             kept = self._kept[j, side] = standing, matrix[:, used].toarray(), used
             self._versions[j] += 1
@@ -333,7 +333,7 @@ class RowFields(Between):
         rows, kept = self._contacts[j], self._kept.get(j)
         standing = rows.standing()
         if kept is None or standing != kept[0]:
-            fields = rows.gaps.found_at(standing.anchor, lambda: self._in_fields(j))
+            fields = rows.gaps.anchoring.found_at(standing.anchor, lambda: self._in_fields(j))
             kept = self._kept[j] = standing, fields, np.ascontiguousarray(fields[:: rows.d])
             self._versions[j] += 1
         return kept

@@ -185,7 +185,7 @@ class Evaluation(RowForces):
         if not len(leaving):
             return None
         gaps = self._there().gaps
-        value: Array = gaps.centre + gaps.places_now()[0][rows.row_nodes[leaving[0]]]
+        value: Array = gaps.centre + gaps.present.places[0][rows.row_nodes[leaving[0]]]
         return value
 
     # Stiffness.

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..algebra.products import largest_change
 from ..algebra.vectors import triangle_frame
+from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from ..surfaces.holders import FOLLOWED
@@ -27,7 +28,7 @@ from ..surfaces.rows import ContactRows
 from ..surfaces.witnesses import pose_of, seen_from
 from . import loops
 from .sides import Sides
-from .stages import NOTHING, Anchor, Pair, PresentRows, Shares, Stage
+from .stages import FEW, NOTHING, Anchor, Pair, PresentRows, Shares, Stage
 
 if TYPE_CHECKING:
     from ..surfaces.moving_kernels import Followed as CompiledRows
@@ -60,7 +61,7 @@ class Apart(Stage):
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`."""
-        here = seen_from(pair.places_of(self.rows.sides, q), pair.witnesses)
+        here = seen_from(self.rows.sides.places(q, pair.growing), pair.witnesses)
         return (self, NOTHING) if largest_change(here, self.here) <= self.reach else pair.search(q)
 
     def with_more_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -234,21 +235,22 @@ class Followed(Stage):
             self._shares = (points.nodes, points.weights), (nodes, -weights)
         return self._shares
 
-    def nodal_forces(self, lam: Array) -> list[Array] | None:
+    def nodal_forces(self, lam: Array) -> list[Array]:
         """See `Stage.nodal_forces`; one compiled call."""
-        n_nodes = (len(side.surface.points) for side in self.rows.sides)
-        return self.rows.search.pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
+        n_nodes, pairs = (len(side.surface.points) for side in self.rows.sides), self.rows.search.pairs
+        at_once = pairs.nodal_forces(lam, self.normals, *n_nodes) if self._newest else None
+        return super().nodal_forces(lam) if at_once is None else at_once
 
-    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
         """See `Stage.acted`; one compiled call."""
         if not (self._newest and self.rows.flattens):
-            return None
+            return super().acted(lam, q)
         return loops.pushed_pairs(self.rows.flat_pair, lam, self.normals, q)
 
-    def some_rows(self, index: Array, q: Array) -> Array | None:
-        """See `Stage.some_rows`; one compiled call."""
-        if not (self._newest and self.rows.flattens):
-            return None
+    def jacobian(self, index: Array, q: Array) -> Rows:
+        """See `Stage.jacobian`; one compiled call for few rows."""
+        if len(index) > FEW or not (self._newest and self.rows.flattens):
+            return super().jacobian(index, q)
         return loops.pair_rows(self.rows.flat_pair, index, self.normals, q, len(self.rows.area))
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -258,7 +260,7 @@ class Followed(Stage):
         if followed is None:
             return pair.search(q)
         stage, gap, enough = followed
-        return (stage, gap) if enough else search.choose(pair, pair.places(q), stage.here)
+        return (stage, gap) if enough else search.choose(pair, pair.sides.places(q, pair.growing), stage.here)
 
     def keep_rows(self, pair: Pair, q: Array) -> tuple[Stage, Array] | None:
         """See `Stage.keep_rows`; the points may move any distance."""
@@ -270,7 +272,7 @@ class Followed(Stage):
         _, self._alone = self.shares, False  # from now on, `Search.pairs` has projected other points
         for outdated in ("compiled", "flat_pair"):
             vars(self.rows).pop(outdated, None)
-        return self.rows.search.choose(pair, pair.places(q), self.here, NEAR * pair.size)
+        return self.rows.search.choose(pair, pair.sides.places(q, pair.growing), self.here, NEAR * pair.size)
 
     def _follow(self, pair: Pair, q: Array, reach: float, sides: Sides) -> tuple[Followed, Array, bool] | None:
         """The same rows at coordinates q, (n,), their gaps, (nr,) [m], and whether no other row can close.
@@ -282,7 +284,7 @@ class Followed(Stage):
         search.projections += 1
         if loops.at_once():
             return self._follow_at_once(pair, q, reach, sides)
-        places = pair.places_of(sides, q)
+        places = sides.places(q, pair.growing)
         here = seen_from(places, pair.witnesses)
         if not largest_change(here, search.here) <= reach:
             return None
@@ -297,7 +299,7 @@ class Followed(Stage):
     def _follow_at_once(self, pair: Pair, q: Array, reach: float, sides: Sides) -> tuple[Followed, Array, bool] | None:
         """Do the same as `_follow` in one compiled call."""
         rows, bounds = self.rows, (BULGE, NEAR * pair.size, pair.reach, pair.within)
-        how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.growing_sides
+        how, growing = (reach, FOLLOWED, STEPS, pair.size, *bounds), pair.sides.growths(pair.growing)
         places = [side.places_begun(*part) for side, *part in zip(sides, pair.sides.split(q), growing, strict=True)]
         flat = rows.flat_pair if sides == rows.sides else loops.flat_pair(rows.compiled, sides)
         followed = loops.followed_gaps(flat, q, growing, places, how)

@@ -51,9 +51,9 @@ class FrozenContacts:
     kept: Array | None = None
 
     def __init__(self, gaps: Sequence[Gaps], dofs: Sequence[Array], blocks: FlatBlocks) -> None:
-        frozen = [contact_gaps.linear for contact_gaps in gaps if contact_gaps.linear is not None]
+        frozen = [contact_gaps.stage.linear for contact_gaps in gaps if contact_gaps.stage.linear is not None]
         assert len(frozen) == len(gaps)
-        rows, self._blocks = FlatRows.of(frozen, [contact_gaps.normal for contact_gaps in gaps], dofs), blocks
+        rows, self._blocks = FlatRows.of(frozen, [contact_gaps.stage.normal for contact_gaps in gaps], dofs), blocks
         self.pushes = True
         self._stages = [contact_gaps.stage for contact_gaps in gaps]
         self.starts, self.lam, self.pushed = blocks.starts, blocks.lam, blocks.pushed
@@ -61,7 +61,7 @@ class FrozenContacts:
         self.values, self.stored = np.empty((len(gaps), 6)), np.empty(len(gaps))
         self._flat = loops.flat_contacts(rows, blocks, self.h, self.values, self.stored)
         self.row_nodes = np.concatenate([contact_gaps.row_nodes for contact_gaps in gaps])
-        self.leaves_at = np.concatenate([contact_gaps.leaves_at for contact_gaps in gaps])
+        self.leaves_at = np.concatenate([contact_gaps.stage.rows.leaves_at for contact_gaps in gaps])
 
     def at(self, q: Array) -> bool:
         """Find forces at the model's coordinates q, (nq,), and the values of sensors.

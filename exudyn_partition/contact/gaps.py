@@ -1,4 +1,4 @@
-"""Gap rows of a patch in motion, and the generalised forces that follow from forces on the rows.
+"""Gap rows of a patch in motion.
 
 `Gaps.jacobian` is G_C of the paper (eq. 25-27).
 
@@ -9,36 +9,28 @@ Theory: examples/site/theory.md, "Rows of gaps".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
-from ..algebra.products import joined, largest_change
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..errors import InputError
 from ..frames.kinematics import Rows
-from ..frames.rotations import total_moment
 from ..support.arrays import Array
 from ..support.attributes import copied
-from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
-from ..surfaces.rows import directed_matrix
-from . import loops
-from .linear_gaps import LinearGaps
-from .side import LoadedNodes, Side
+from .anchoring import Anchoring
+from .carrier import Carrier
+from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Shares, Stage, T
+from .stages import NOTHING, Anchor, Present, PresentRows, Stage
 
 if TYPE_CHECKING:
     from typing import Self
 
 _ROUND_OFF = 1e-9  # relative difference of shares of a flexibility that are the same
-_FEW = 64  # rows whose derivatives one call finds, row by row; those of more come from sparse matrices
-SAME = 0.01  # of a facet's size, or change of normals: below it, rows keep their flexibility
-_FROZEN = Anchor(NOTHING, NOTHING, NOTHING)  # of frozen rows, whose flexibility does not change
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +42,7 @@ class GapState:
     q : (n,) array
         Coordinates of all sides.
     pose : (12,) array
-        `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+        `Carrier.pose`; empty if no body carries a rigid surface.
     anchor : Anchor or None
         Where the flexibility of the rows was found; None if it was not yet.
     frozen : (n,) array or None
@@ -76,108 +68,99 @@ class GapState:
     growing: Array = field(default_factory=lambda: NOTHING)
 
 
-@dataclass(slots=True, eq=False)
-class Present:
-    """Where the rows of a contact are.
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """How the sides of a contact are placed before a run.
 
     Parameters
     ----------
-    stage : Stage
-    q : (n,) array
-        Coordinates of all sides.
-    places : list of (np, 3) arrays or None
-        Places of the nodes that are followed [m]; None until somebody asks.
-    anchor : Anchor or None
-        Where the flexibility was found that the rows have here; None until somebody asks.
-    growing : (6 k,) array
-        `Gaps.growing` of the k sides here; empty if none grows.
+    approach : (3,) array
+        Unit vector along which the slave approaches its counterpart.
+    clearance : float
+        Smallest gap of the rows [m].
+    faced : bool
+        Whether the slave faces its counterpart. If not, the first rows are those of a pose in which it does. They give
+        flexibility and stiffness. The first evaluation replaces them.
+    pressed : bool
+        Whether an overlap is meant. Load steps close it.
     """
 
-    stage: Stage
-    q: Array
-    places: list[Array] | None
-    anchor: Anchor | None
-    growing: Array
+    approach: Array
+    clearance: float
+    faced: bool = True
+    pressed: bool = False
+
+    @property
+    def overlap(self) -> float:
+        """Largest overlap of the rows [m], if it is meant; else zero."""
+        return max(-self.clearance, 0.0) if self.pressed else 0.0
 
 
 class Gaps:
-    """Present gap rows of a patch, and the effects of forces on them. Subclasses define the counterpart.
+    """Gap rows of a patch in motion: which are present, and where. Subclasses define the counterpart.
+
+    What follows from where the rows are is asked of their `stage`, as forces on the nodes, and of `present`. A run
+    changes where the rows are, inputs of the next evaluation, and `accepted`; the sides change where contact wanders.
 
     Attributes
     ----------
     sides : Sides
     size : float
         Size of the facets, the scale of motion [m].
-    present : Present
-        Where the rows are now.
-    stage : Stage
-        That of `present`: the present rows, and quantities derived from them.
-    approach : (3,) array
-        Unit vector along which the slave approached at the start.
-    faced : bool
-        Whether the slave faced its counterpart at the start. If not, the first rows are those of a pose in which it
-        does. They give flexibility and stiffness. The first evaluation replaces them.
-    searches : int
-        Number of searches for the pairs of all points since the start of the run.
-    carried : bool
-        Whether an Exudyn body carries the rigid surface.
+    all_points : ContactPoints
+        Points of all rows of the slave's patch, whether they are present or not.
+    placement : Placement
     between : (d np, d np) array, SkinBlock or None
         Residual flexibility between the patches of both sides [m/N], if they are patches of one body.
-    clearance : float
-        Smallest gap of the rows as the sides are placed [m].
-    pressed : bool
-        Whether an overlap of the sides as they are placed is meant. Load steps close it.
-    reach : float
-        Gap at which forces begin [m]. Rows with smaller gaps are present.
+    carried : bool
+        Whether an Exudyn body carries the rigid surface.
+    carrier : Carrier
+        What carries it.
     anywhere : bool
         Whether the sides may meet anywhere, and be far from each other for long.
     furthest : float
         Distance above which there are no rows [m].
-    yielding : tuple of float or None
-        Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
-    anchor : Anchor or None
-        That of `present`.
+    reach : float
+        Gap at which forces begin [m]. Rows with smaller gaps are present.
+    anchoring : Anchoring
+        Where the flexibility of the rows is found.
+    present : Present
+        Where the rows are now.
+    stage : Stage
+        That of `present`: the present rows, and what is derived from them.
+    accepted : GapState
+        State at the end of the last accepted step. Each try of a step begins from it.
     growing : (6 k,) array
         Products of angular velocities by which each of the k sides grows in the next evaluation [rad2/s2], see `grow`:
         an input, as the pose of the carrier. Empty if none does.
+    yielding : tuple of float or None
+        Share of each side's flexibility that yields within the present step, see `viscosity`; None if all of it does.
     within : float
         Gap up to which rows are present at least, because forces may push them shut [m]: a guess, see `follow_pushed`.
-    accepted : GapState
-        State at the end of the last accepted step. Each try of a step begins from it.
+    searches : int
+        Number of searches for the pairs of all points since the start of the run.
     """
 
     sides: Sides
     size: float
-    present: Present
-    stage: Stage
-    approach: Array
-    faced: bool = True
-    carried: bool = False
+    all_points: ContactPoints
+    placement: Placement
     between: Flexibility | None = None
-    clearance: float
-    pressed: bool = False
-    reach: float = 0.0
+    carried: bool = False
+    carrier: Carrier = Carrier()
     anywhere: bool = False
     furthest: float = np.inf
-    yielding: tuple[float, ...] | None = None
-    searches: int = 0
-    anchor: Anchor | None = None
-    growing: Array = NOTHING
-    within: float = 0.0
+    reach: float = 0.0
+    anchoring: Anchoring
+    present: Present
+    stage: Stage
     accepted: GapState
-    _stood: tuple[object, object, Array] = (None, None, NOTHING)  # stance of rows at an anchor
-    _anchored: tuple[object, object, Stage | None] = (None, None, None)  # stage of rows at an anchor
-    _pose: Callable[[], tuple[Array, Array]] | None = None  # of the body that carries the rigid surface
-    _motion: Callable[[], tuple[Array, Array]] | None = None
-    _all: ContactPoints  # of the slave
+    growing: Array = NOTHING
+    yielding: tuple[float, ...] | None = None
+    within: float = 0.0
+    searches: int = 0
     _start: Stage
-    _loaded: dict[int, LoadedNodes]
     _start_q: Array
-
-    @property
-    def overlap(self) -> float:
-        """Largest overlap of the rows as the sides are placed [m], if it is meant; else zero."""
-        return max(-self.clearance, 0.0) if self.pressed else 0.0
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """Points of the rows as the sides are placed, normals there, (p, 3), and gaps of the rows, (nr,) [m]."""
@@ -186,16 +169,16 @@ class Gaps:
     def fresh(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copied(self)
-        result.searches, result._loaded, result.yielding, result.within = 0, {}, None, 0.0
-        result._stood, result._anchored = (None, None, NOTHING), (None, None, None)
+        result.searches, result.yielding, result.within = 0, None, 0.0
+        result.anchoring = Anchoring(result)
         result.begin()
         return result
 
     def _begin_at_start(self) -> None:
         """Go back to where the sides are placed."""
-        self.anchor, self.growing = None, NOTHING
+        self.growing, self.present = NOTHING, replace(self.present, anchor=None)
         self._go_to_start()
-        self.accepted = GapState(self.present.q, self.evaluated_pose)
+        self.accepted = GapState(self.present.q, self.stage.pose)
         self.accepted = self.after()
 
     def _go_to_start(self) -> None:
@@ -207,7 +190,7 @@ class Gaps:
     def after(self) -> GapState:
         """State after a step that ends in the last evaluation."""
         present = self.present
-        return GapState(present.q, self.evaluated_pose, self.anchor, self._frozen_at(), growing=present.growing)
+        return GapState(present.q, self.stage.pose, present.anchor, self._frozen_at(), growing=present.growing)
 
     def _frozen_at(self) -> Array | None:
         """Coordinates at which the pairs were found that are frozen; None if pairs are followed."""
@@ -230,28 +213,32 @@ class Gaps:
 
     def begin_grown(self) -> None:
         """Let the step begin with sides that are grown where they are placed, as `grow` has said."""
-        self.return_to(Present(self.stage, self.present.q, None, self.anchor, self.growing))
-        self.accept(replace(self.accepted, anchor=self.anchor, growing=self.growing))
+        self.return_to(replace(self.present, known=None, growing=self.growing))
+        self.accept(replace(self.accepted, anchor=self.present.anchor, growing=self.growing))
 
     def accept(self, state: GapState) -> None:
         """Let the next step begin from a state: `after`, if the last one has ended here."""
         self.accepted = state
-        if self.anchor != state.anchor:
-            self.anchor = state.anchor
-            self._put_stage(self.stage)
+        if self.present.anchor != state.anchor:
+            self.return_to(replace(self.present, anchor=state.anchor))
+
+    def accept_anchor(self, anchor: Anchor) -> None:
+        """Go on from an anchor that others have found, without a carrier."""
+        self.present.anchor = anchor
+        self.accepted = replace(self.accepted, anchor=anchor)
 
     def _take_rows(self, state: GapState) -> None:
         """Take the rows of a state."""
 
-    def go_to(self, state: GapState) -> Array:
+    def at_state(self, state: GapState) -> Array:
         """Go to where a state was reached, and return the gaps of its rows, (nr,) [m]."""
         growing, self.growing = self.growing, state.growing
-        gap = self._gaps_in(state)
+        gap = self._at_state(state)
         self.growing = growing
         return gap
 
-    def _gaps_in(self, state: GapState) -> Array:
-        """See `go_to`."""
+    def _at_state(self, state: GapState) -> Array:
+        """See `at_state`."""
         return self.at(state.q)
 
     def at(self, q: Array) -> Array:
@@ -297,28 +284,21 @@ class Gaps:
         """
         return -np.inf
 
-    def dented(self, sides: Sequence[Side], q: Array, dents: Sequence[Array] | None) -> list[Array]:
-        """Places of all nodes of some sides, (np, 3) for each [m], from `centre`, at coordinates q, with dents."""
-        of_sides: Sequence[Array | None] = dents or [None] * len(sides)
-        parts = zip(sides, self.sides.split(q), self.growing_sides, of_sides, strict=True)
-        return [side.dented(part, growing, dent) for side, part, growing, dent in parts]
-
     def of_present(self, q: Array) -> Array:
         """Gaps of the present rows at coordinates q, (n,); unlike `at`, this keeps the rows: (nr,) [m]."""
         return self.at(q)
 
     def _go_to_stage(self, stage: Stage, q: Array) -> None:
         """Go to a stage at coordinates q, (n,)."""
-        self.return_to(Present(stage, q, stage.places, self.anchor, self.growing))
+        self.return_to(Present(stage, q, stage.places, self.present.anchor, self.growing))
 
     def return_to(self, present: Present) -> None:
         """Go to where the rows were."""
-        self.present, self.stage, self.anchor = present, present.stage, present.anchor
+        self.present, self.stage = present, present.stage
 
     def _put_stage(self, stage: Stage) -> None:
         """Go to another stage at the same coordinates."""
-        present = self.present
-        self.return_to(Present(stage, present.q, present.places, self.anchor, present.growing))
+        self.return_to(replace(self.present, stage=stage))
 
     @property
     def moving(self) -> bool:
@@ -341,11 +321,6 @@ class Gaps:
         return not self._start.moving
 
     @property
-    def points(self) -> ContactPoints:
-        """Points of the present rows. While rows move, only rows that can touch soon are present."""
-        return self.stage.rows.points
-
-    @property
     def row_nodes(self) -> Array:
         """(nr,) int array: node of the slave's patch for each present row."""
         return self.stage.rows.row_nodes
@@ -354,73 +329,6 @@ class Gaps:
     def area(self) -> Array:
         """(nr,) array: area that each present row stands for [m2]."""
         return self.stage.rows.area
-
-    @property
-    def leaves_at(self) -> Array:
-        """(nr,) array: depth at which contact of each row leaves the patch [m], see `surfaces.rows.ContactRows`."""
-        return self.stage.rows.leaves_at
-
-    @property
-    def unpaired(self) -> int:
-        """Number of contact points that face nothing."""
-        return self.stage.rows.unpaired
-
-    @property
-    def normals(self) -> Array:
-        """(p, 3) array: outward normals of the master at the contact points."""
-        return self.stage.normals
-
-    @property
-    def normal(self) -> Array:
-        """(nr, 3) array: mean normal of each present row."""
-        return self.stage.normal
-
-    @property
-    def shares(self) -> Shares:
-        """For each side: nodes of the points, and their signed weights in the gap, (p, k) each."""
-        return self.stage.shares
-
-    @property
-    def near_sides(self) -> tuple[Side, ...]:
-        """The sides; while rows are followed, only with the nodes that the rows need."""
-        return self.stage.rows.sides
-
-    @property
-    def frozen_stage(self) -> object:
-        """The stage while rows are frozen, else None."""
-        return None if self.moving else self.stage
-
-    def frozen_since(self, stage: object) -> bool:
-        """Whether rows are frozen, and have stayed frozen since `stage` was this object."""
-        return not self.moving and self.stage == stage
-
-    @property
-    def evaluated_pose(self) -> Array:
-        """`carrier_pose` at the last evaluation of the gaps."""
-        return self.stage.pose
-
-    @property
-    def carrier_pose(self) -> Array:
-        """Place and axes of a carried rigid surface, (12,), on which gaps depend too; empty if no body carries it."""
-        if self._pose is None:
-            return NOTHING
-        place, axes = self._pose()
-        return np.concatenate([place, axes.ravel()])
-
-    @property
-    def carrier_motion(self) -> Array:
-        """Velocity and angular velocity of the body that carries the rigid surface, (6,) [m/s, rad/s]."""
-        return NOTHING if self._motion is None else np.concatenate(self._motion())
-
-    @property
-    def constant_rows(self) -> object:
-        """An object that stays the same as long as `side_rows` does; None if they may change in every evaluation."""
-        return self.frozen_stage
-
-    @property
-    def linear(self) -> LinearGaps | None:
-        """Gaps of the present rows as linear functions while the rows are frozen; None if they move."""
-        return self.stage.linear if isinstance(self.stage, Frozen) else None
 
     @property
     def centre(self) -> Array:
@@ -440,37 +348,10 @@ class Gaps:
         """The side whose points must not penetrate."""
         return self.sides[0]
 
-    @property
-    def n_all(self) -> int:
-        """Number of rows of the whole patch."""
-        return len(self._all.row_nodes)
-
-    @property
-    def all_nodes(self) -> Array:
-        """(n_all,) int array: node of the slave's patch for each row of the whole patch."""
-        return self._all.row_nodes
-
-    @property
-    def slots(self) -> Array:
-        """(nr,) int array: numbers of the present rows among those of the whole patch."""
-        return np.searchsorted(self.all_nodes, self.row_nodes)
-
-    @property
-    def node_areas(self) -> Array:
-        """(np,) array: area of the row of each node of the slave's patch [m2]; zero without a row, or on an edge."""
-        areas = np.zeros(len(self.slave.surface.points))
-        areas[self._all.row_nodes] = self._all.area
-        return areas
-
-    @property
-    def node_pressures(self) -> sp.csr_matrix:
-        """(np, np) csr matrix from forces of the rows to pressures around the nodes of the slave's patch [1/m2]."""
-        return self._all.pressures
-
     def exchange_flexibility(self, flexibility: Sequence[Flexibility | None]) -> None:
         """Give the sides' patches other residual flexibilities, (d np, d np) each [m/N]."""
         self.sides = Sides(replace(side, flexibility=F) for side, F in zip(self.sides, flexibility, strict=True))
-        self._loaded, self._start = {}, self._start.on(self.sides)
+        self._start = self._start.on(self.sides)
         self._put_stage(self.stage.on(self.sides))
 
     @property
@@ -478,7 +359,7 @@ class Gaps:
         """Largest `reach` [m]. Here all rows are present."""
         return np.inf
 
-    def begin_at(self, reach: float) -> None:
+    def reach_to(self, reach: float) -> None:
         """Let forces begin at gaps of `reach` [m]; see the attribute.
 
         Raises
@@ -520,30 +401,6 @@ class Gaps:
         else:
             self.growing = NOTHING
 
-    @property
-    def growing_sides(self) -> list[Array]:
-        """`growing` of each side, (6,); empty if no side grows."""
-        return self._by_side(self.growing)
-
-    def _by_side(self, growing: Array) -> list[Array]:
-        return [growing[:6], growing[6:]][: len(self.sides)]
-
-    def places(self, q: Array) -> list[Array]:
-        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,), from `centre`.
-
-        Where contact wanders over a patch, only nodes that may touch soon are followed; the others are NaN.
-        """
-        return self.places_of(self.sides, q)
-
-    def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """Places of the nodes that these sides follow, (np, 3) for each [m], at coordinates q, (n,), from `centre`."""
-        return [side.place(*part) for side, *part in zip(sides, self.sides.split(q), self.growing_sides, strict=True)]
-
-    def places_at(self, sides: Sequence[Side], anchor: Anchor | GapState) -> list[Array]:
-        """The same at an anchor, with its own growth."""
-        parts = zip(sides, self.sides.split(anchor.q), self._by_side(anchor.growing), strict=True)
-        return [side.place(*part) for side, *part in parts]
-
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps of all rows that can touch next, (k,) [m], their rates [m/s] and accelerations [m/s2], for fixed pairs.
 
@@ -555,171 +412,28 @@ class Gaps:
         gap = self.at(q)
         H = self.jacobian(np.arange(len(gap)))
         rate = H @ q_t
-        if self._motion is not None:  # the accelerations of the surface's carrier are not known here
-            rate = rate + self.carrier_rows(np.arange(len(gap))) @ self.carrier_motion
+        if self.carried:  # the accelerations of the surface's carrier are not known here
+            rate = rate + self.carrier.rows(self.stage, self.present.places[0]) @ self.carrier.motion
         return gap, rate, H @ q_tt
 
     def widen(self, q: Array) -> Array:
         """Take all rows that can touch next at coordinates q, (n,), and return their gaps, (k,) [m]."""
         return self.at(q)
 
-    @property
-    def q(self) -> Array:
-        """Last coordinates, (n,)."""
-        return self.present.q
-
-    @property
-    def coordinates(self) -> list[Array]:
-        """Last coordinates of each side, (n_dofs,)."""
-        return self.sides.split(self.present.q)
-
-    def places_now(self) -> list[Array]:
-        """Places of the nodes of `near_sides`, (np, 3) for each [m], at the last coordinates, from `centre`.
-
-        Those of other nodes are NaN.
-        """
-        if self.present.places is None:
-            here = Anchor(self.present.q, self.evaluated_pose, self.present.growing)
-            self.present.places = self.places_at(self.near_sides, here)
-        return self.present.places
-
     def jacobian(self, index: Array) -> Rows:
         """Derivative of the gaps of some present rows with respect to the coordinates, (na, n), for fixed pairs."""
-        if isinstance(self.stage, Frozen):
-            return self.stage.linear.H[index]
-        found = self.stage.some_rows(index, self.present.q) if len(index) <= _FEW else None
-        return self.rows_on_coordinates(self.stage, self.present.q, index) if found is None else found
+        return self.stage.jacobian(index, self.present.q)
 
-    def rows_on_coordinates(self, stage: Stage, q: Array, index: Array | None = None) -> Rows:
-        """Derivative of a stage's gaps with respect to the coordinates, (na, n), at q, (n,), for fixed pairs."""
-        mean, parts = stage.rows.points.mean, []
-        mean = mean if index is None else mean[index]
-        for (nodes, weights), side, side_q in zip(stage.shares, stage.rows.sides, self.sides.split(q), strict=True):
-            G = directed_matrix(nodes, weights, stage.normals, len(side.surface.points))
-            parts.append(side.on_coordinates(side_q, mean @ G))
-        return joined(parts)
-
-    def carrier_rows(self, index: Array) -> Array:
-        """Derivative of gap rates of some rows with respect to the velocities of the surface's carrier, (na, 6)."""
-        raise NotImplementedError
-
-    def nodal_forces(self, lam: Array) -> list[Array]:
-        """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the present rows, (nr,) [N]."""
-        by_stage = self.stage.nodal_forces(lam)
-        return self.on_nodes(self._pushes(lam)) if by_stage is None else by_stage
-
-    def _pushes(self, lam: Array) -> Array:
-        """Forces on the slave at the present points, (p, 3) [N], from forces on the present rows, (nr,) [N]."""
-        return loops.pushes(self.points, lam, self.normals)
-
-    def on_nodes(self, forces: Array) -> list[Array]:
-        """Forces on the nodes of the patches, (np, 3) for each side [N].
-
-        Parameters
-        ----------
-        forces : (p, 3) array
-            Forces on the slave at the present points, in axes of space [N].
-        """
-        sides = zip(self.shares, self.sides, strict=True)
-        return [on_nodes(*shares, forces, len(side.surface.points)) for shares, side in sides]
-
-    def acted(self, lam: Array) -> tuple[Array, Array]:
-        """Generalised forces, (n,), and force on the slave, (3,) [N], from forces on the present rows, (nr,) [N]."""
-        by_stage = self.stage.acted(lam, self.present.q)
-        if by_stage is not None:
-            return by_stage
-        parts = zip(self.near_sides, self.sides.split(self.present.q), self.nodal_forces(lam), strict=True)
-        return np.concatenate([side.generalised(q, f) for side, q, f in parts]), self.stage.resultant(lam)
-
-    def moment(self, lam: Array, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], from forces on the present rows, (nr,) [N]."""
-        return self.moment_of(self._pushes(lam), point)
-
-    def moment_of(self, forces: Array, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], of forces on it at the present points, (p, 3) [N]."""
-        arms = at_points(*self.shares[0], self.places_now()[0]) - (point - self.centre)
-        return total_moment(arms, forces)
-
-    @property
-    def on_demand(self) -> bool:
-        """Whether a side's flexibility is found on demand: then only rows that may close ask for it."""
-        return self.sides.on_demand
-
-    def at_anchor(self, what: Hashable, anchor: Anchor, make: Callable[[], T], index: Array = NOTHING) -> T:
-        """Return `found_at`, which is kept.
-
-        `index` are the rows to which it belongs; by default, all.
-        """
-        return self.stage.rows.at_anchor(what, anchor, lambda: self.found_at(anchor, make), index)
-
-    def found_at(self, anchor: Anchor, make: Callable[[], T]) -> T:
-        """Value that is found with the present rows, but with the places, pairs and normals at an anchor."""
-        if anchor == _FROZEN:
-            return make()
-        now, stage = self.present, self._stage_of_anchor(anchor)
-        if stage == now.stage:  # the anchor is here
-            return make()
-        self.return_to(Present(stage, anchor.q, stage.places, now.anchor, anchor.growing))
-        try:
-            return make()
-        finally:
-            self.return_to(now)
-
-    def anchored(self, by: float) -> Anchor:
-        """The anchor. If the sides have moved by more than `by` since, this is where they are now.
-
-        `by` is in sizes of a facet, or changes of normals.
-        """
-        if not self.moving:
-            return _FROZEN
-        anchor, stance = self.anchor, self.stance()
-        if anchor is None or not largest_change(stance, self.stance_at(anchor)) <= by:
-            here, stage = self.present, self.stage
-            self.anchor = here.anchor = anchor = Anchor(here.q.copy(), stage.pose, here.growing)
-            _ = stage.shares  # which are those of the present places only now
-            self._anchored = anchor, stage.rows, stage  # pairs that are followed need no projection anew
-            self._stood = anchor, stage.rows, stance
-        return anchor
-
-    def go_on_at(self, anchor: Anchor) -> None:
-        """Go on from an anchor that others have found, without a carrier."""
-        self.anchor = anchor
-        self.accepted = replace(self.accepted, anchor=self.anchor)
-
-    def stance_at(self, anchor: Anchor) -> Array:
-        """`stance` of the present rows at an anchor."""
-        if self._stood[:2] != (anchor, self.stage.rows):
-            self._stood = anchor, self.stage.rows, self._stance_of(anchor)
-        return self._stood[2]
-
-    def _stance_of(self, anchor: Anchor) -> Array:
-        return self.found_at(anchor, self.stance)
-
-    def _stage_of_anchor(self, anchor: Anchor) -> Stage:
-        """The present rows with their pairs and normals at an anchor."""
-        last_anchor, rows, stage = self._anchored
-        if stage is None or (last_anchor, rows) != (anchor, self.stage.rows):
-            stage = self._stage_anchored(anchor, self.stage.rows)
-            self._anchored = anchor, self.stage.rows, stage
-        return stage
-
-    @property
-    def anchored_stage(self) -> Stage | None:
-        """The present rows with their pairs and normals at the anchor; None without an anchor."""
-        return None if self.anchor is None else self._stage_of_anchor(self.anchor)
-
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
-        """Stage of some rows with their pairs and normals at an anchor."""
-        raise NotImplementedError
+    # Flexibility, see `anchoring`.
 
     def stance(self) -> Array:
         """Values on which the flexibility of the rows depends: places divided by a facet's size, or directions."""
         raise NotImplementedError
 
-    def loaded_nodes(self, place: int) -> LoadedNodes:
-        """One side's nodes that carry the present rows, and perhaps nodes that carried earlier rows."""
-        side, nodes = self.sides[place], self.shares[place][0]
-        loaded = self._loaded.get(place)
-        if loaded is None or not loaded.carry(nodes):
-            loaded = self._loaded[place] = LoadedNodes.of(side, nodes)
-        return loaded
+    def stance_at(self, anchor: Anchor) -> Array:
+        """`stance` of the present rows at an anchor."""
+        return self.anchoring.found_at(anchor, self.stance)
+
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
+        """Stage of some rows with their pairs and normals at an anchor."""
+        raise NotImplementedError

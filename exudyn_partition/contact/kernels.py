@@ -591,8 +591,8 @@ def gaps_of_contact(rows: FlatRows, j: int, q_j: Array, gap: Array) -> None:
 
 
 @inner
-def gaps_of_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
-    """Set h to the gaps at coordinates q; return whether all pairs stay frozen, see `frozen.FrozenContacts`."""
+def stay_frozen(rows: FlatRows, q: Array, h: Array) -> bool:
+    """Whether all pairs stay frozen at coordinates q; if so, set h to their gaps, see `frozen.FrozenContacts`."""
     for j in range(len(rows.reach)):
         q_j = coordinates_of(rows, j, q)
         if not slid(rows, j, q_j) <= rows.reach[j]:
@@ -688,6 +688,6 @@ def evaluate_frozen(
 ) -> int:
     """Find gaps, forces and values of sensors; return how many contacts push, or -1 if pairs slide or none settle."""
     rows, blocks, h = contacts.rows, contacts.blocks, contacts.h
-    if not gaps_of_frozen(rows, q, h) or not settle_blocks(blocks, h, rounding, settled, steps, patience):
+    if not stay_frozen(rows, q, h) or not settle_blocks(blocks, h, rounding, settled, steps, patience):
         return -1
     return forces_of_frozen(rows, h, blocks.lam, blocks.pushed, force, contacts.values, contacts.stored)

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from ..algebra.products import Solved, smallest
 from ..algebra.row_problem import RowProblem
+from ..errors import InputError
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
@@ -22,6 +23,7 @@ from .plasticity.yielding_patches import Zones
 from .step_mean import GeneralizedAlpha
 
 Slope: TypeAlias = Array | sp.spmatrix | Solved
+_NO_ARRAY = np.dtype(object)  # for what has no type of its entries
 
 
 class Forces(NamedTuple):
@@ -297,3 +299,38 @@ class LawMaker(Protocol):
 
     def zones(self, contact: Any) -> Zones | None:
         """Return plastic zones of a `PatchContact`, if patches of its bodies yield."""
+
+
+def check_forces(law: Law, forces: Forces, n: int, d: int) -> None:
+    """Raise InputError if a law's answer for n rows with d directions cannot be right."""
+    name = type(law).__name__
+    if not isinstance(forces, Forces):
+        raise InputError(f"law {name}: expected an answer of type contact.law.Forces, got {type(forces).__name__}")
+    if getattr(forces.on_rows, "shape", None) != (n, d):
+        raise InputError(
+            f"law {name}: expected forces of shape {(n, d)}, rows by directions, got {np.shape(forces.on_rows)}"
+        )
+    if getattr(forces.closed, "dtype", _NO_ARRAY).kind not in "iu":
+        raise InputError(
+            f"law {name}: expected numbers of the closed rows, an array of integers as np.flatnonzero(forces) "
+            f"returns it, got {getattr(forces.closed, 'dtype', type(forces.closed).__name__)}"
+        )
+    if not (isinstance(forces.power, float) and isinstance(forces.taken, float)):
+        _check_energies(name, forces)
+    if law.elastic and (forces.power or forces.taken):
+        raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
+    remembered = None if forces.memory is None else np.shape(forces.memory)
+    if (law.memory or remembered) and remembered != (n, law.memory):
+        raise InputError(
+            f"law {name}: expected a memory of shape {(n, law.memory)}, rows by the values that `memory` of the "
+            f"law says, got {remembered}"
+        )
+
+
+def _check_energies(name: str, forces: Forces) -> None:
+    """Raise InputError if the energies in the answer of a law of this name are no numbers."""
+    for key, value in (("power", forces.power), ("taken", forces.taken)):
+        if np.ndim(value) != 0:
+            raise InputError(
+                f"law {name}: expected one number as `{key}`, the sum over the rows, got the shape {np.shape(value)}"
+            )

@@ -276,7 +276,7 @@ class Primitive(NamedTuple):
 def projected(surface: Primitive, x: Array, pose: Array) -> tuple[Array, Array]:
     """Gaps, (k,) [m], and outward unit normals in space, (k, 3), at points x, (k, 3) [m].
 
-    `pose` is `Gaps.carrier_pose`, in which the surface is at rest; empty if it is at rest in space.
+    `pose` is `Carrier.pose`, in which the surface is at rest; empty if it is at rest in space.
     """
     found: tuple[Array, Array] = _compiled().projected(*surface, np.ascontiguousarray(x), pose)
     return found

@@ -10,7 +10,8 @@ from ..algebra.complementarity import Complementarity, regularised
 from ..frames.kinematics import Rows
 from ..support.arrays import Array
 from ..surfaces.rows import directed_matrix, point_matrix
-from .gaps import SAME, Gaps
+from .anchoring import SAME
+from .gaps import Gaps
 from .row_flexibility import RowFlexibility, through
 from .side import LoadedNodes
 from .stages import OF_SIDE, Standing
@@ -39,7 +40,8 @@ class NormalRows:
 
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of gap rates with respect to the velocities of the surface's carrier, (na, 6)."""
-        return self.gaps.carrier_rows(index)
+        gaps = self.gaps
+        return gaps.carrier.rows(gaps.stage, gaps.present.places[0])[index]
 
     def rates(self, q_t: Array) -> Array:
         """See `rates_of`."""
@@ -58,9 +60,9 @@ class NormalRows:
     def row_flexibility(self, index: Array) -> RowFlexibility:
         """Flexibility that knows these rows: of all present rows, or of these alone if it is found on demand."""
         gaps = self.gaps
-        if gaps.on_demand:
-            return gaps.at_anchor("flexibility", gaps.anchored(SAME), lambda: self._of_some_rows(index), index)
-        return gaps.at_anchor("flexibility", gaps.anchored(SAME), self._of_all_rows)
+        if gaps.sides.on_demand:
+            return gaps.anchoring.kept("flexibility", SAME, lambda: self._of_some_rows(index), index)
+        return gaps.anchoring.kept("flexibility", SAME, self._of_all_rows)
 
     def _of_some_rows(self, index: Array) -> RowFlexibility:
         gaps, F = self.gaps, np.zeros((len(index),) * 2)
@@ -75,11 +77,11 @@ class NormalRows:
 
     def _part_of_rows(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (na, na) [m/N]; only their nodes are asked for."""
-        gaps = self.gaps
-        points, numbers = gaps.points.of_rows(index)
-        nodes, weights = (values[numbers] for values in gaps.shares[place])
+        gaps, stage = self.gaps, self.gaps.stage
+        points, numbers = stage.rows.points.of_rows(index)
+        nodes, weights = (values[numbers] for values in stage.shares[place])
         loaded = LoadedNodes.of(gaps.sides[place], nodes)
-        return loaded.flexibility(gaps.coordinates[place], points, (nodes, weights), gaps.normals[numbers])
+        return loaded.flexibility(gaps.present.coordinates[place], points, (nodes, weights), stage.normals[numbers])
 
     def _of_all_rows(self) -> RowFlexibility:
         return RowFlexibility(self.gaps.stage.by_pairs("flexibility", self._all_flexibility))
@@ -97,13 +99,12 @@ class NormalRows:
 
     def side_flexibility(self, place: int) -> Array:
         """Contribution of one side to the flexibility of the present rows, (nr, nr) [m/N], whatever yields of it."""
-        gaps = self.gaps
-        return gaps.at_anchor((OF_SIDE, place), gaps.anchored(SAME), lambda: self._part_of_side(place))
+        return self.gaps.anchoring.kept((OF_SIDE, place), SAME, lambda: self._part_of_side(place))
 
     def _part_of_side(self, place: int) -> Array:
-        gaps = self.gaps
-        loaded = gaps.loaded_nodes(place)
-        return loaded.flexibility(gaps.coordinates[place], gaps.points, gaps.shares[place], gaps.normals)
+        gaps, stage = self.gaps, self.gaps.stage
+        loaded, q = gaps.anchoring.loaded_nodes(place), gaps.present.coordinates[place]
+        return loaded.flexibility(q, stage.rows.points, stage.shares[place], stage.normals)
 
     def across(self) -> Array:
         """Motion of the slave's rows by forces on the master's, (nr, nr) [m/N], of a body that touches itself."""
@@ -112,18 +113,19 @@ class NormalRows:
 
     def side_rows(self, side: int) -> Rows:
         """Present rows on the flexibility coordinates of one side's patch, (nr, d np)."""
-        gaps, patch, (nodes, weights) = self.gaps, self.gaps.sides[side], self.gaps.shares[side]
-        n = len(patch.surface.points)
+        gaps, stage, patch = self.gaps, self.gaps.stage, self.gaps.sides[side]
+        (nodes, weights), n = stage.shares[side], len(patch.surface.points)
         if patch.normal_only:
             rows = point_matrix(nodes, weights if side else -weights, n)  # contact pushes towards the inside
         else:
-            rows = directed_matrix(nodes, weights, patch.kinematics.in_frame(gaps.coordinates[side], gaps.normals), n)
-        return gaps.points.mean @ rows
+            along = patch.kinematics.in_frame(gaps.present.coordinates[side], stage.normals)
+            rows = directed_matrix(nodes, weights, along, n)
+        return stage.rows.points.mean @ rows
 
     def work_of(self, forces: Array) -> float:
         """Work of forces on all present rows, (nr,) [N], on their own answer, lam' F lam [m N]."""
         gaps = self.gaps
-        if not gaps.on_demand:
+        if not gaps.sides.on_demand:
             return float(forces @ self.flexibility(np.arange(len(forces))) @ forces)
         on_sides = [np.asarray(self.side_rows(place).T @ forces).ravel() for place in range(len(gaps.sides))]
         parts = zip(on_sides, gaps.sides, gaps.yielding_shares, strict=True)
@@ -149,7 +151,7 @@ class NormalRows:
 
     def standing(self) -> Standing:
         """Which rows are present, and where their flexibility was found."""
-        return Standing(self.gaps.stage.rows, self.gaps.anchored(SAME))
+        return Standing(self.gaps.stage.rows, self.gaps.anchoring.anchor(SAME))
 
     # Directions.
 
@@ -162,16 +164,17 @@ class NormalRows:
         return np.zeros((len(forces), 3))
 
     def acted(self, forces: Array) -> tuple[Array, Array]:
-        """See `Gaps.acted`; forces on the present rows are (nr, 1) [N]."""
-        return self.gaps.acted(forces[:, 0])
+        """See `Stage.acted`; forces on the present rows are (nr, 1) [N]."""
+        return self.gaps.stage.acted(forces[:, 0], self.gaps.present.q)
 
     def nodal_forces(self, forces: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the rows, (nr, 1) [N]."""
-        return self.gaps.nodal_forces(forces[:, 0])
+        return self.gaps.stage.nodal_forces(forces[:, 0])
 
     def moment(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces on the rows, (nr, 1) [N]."""
-        return self.gaps.moment(forces[:, 0], point)
+        gaps = self.gaps
+        return gaps.stage.moment(forces[:, 0], point - gaps.centre, gaps.present.places[0])
 
 
 def rates_of(rows: Any, q_t: Array) -> Array:
@@ -179,5 +182,5 @@ def rates_of(rows: Any, q_t: Array) -> Array:
     everything = np.arange(len(rows.gaps.row_nodes))
     rates = rows.jacobian(everything) @ q_t
     if rows.gaps.carried:
-        rates = rates + rows.carrier_rows(everything) @ rows.gaps.carrier_motion
+        rates = rates + rows.carrier_rows(everything) @ rows.gaps.carrier.motion
     return np.asarray(rates).reshape(-1, rows.d)

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP, STICK
@@ -20,7 +19,7 @@ from ..support.attributes import copied
 from ..support.checks import read_only
 from .evaluation import ContactParts, Evaluation
 from .gaps import Gaps
-from .law import Forces, Law, LawMaker, Motion, Places
+from .law import Forces, Law, LawMaker, Motion, Places, check_forces
 from .memory import on_rows
 from .normal_rows import NormalRows
 from .plasticity.nodal_zones import NodalZones
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from typing import Self
 
 
-_NO_ARRAY = np.dtype(object)  # for what has no type of its entries
 _ROUND_OFF = 1e-9  # of forces times gaps: energy below zero that is less is none
 _STICKING = 1e6  # coefficient of friction with which no row slips
 
@@ -89,7 +87,7 @@ class PatchContact:
         if law.elastic and law.memory:
             raise InputError(f"law {type(law).__name__}: it has a memory, which only laws with elastic = False have")
         if law.reach:
-            gaps.begin_at(law.reach)
+            gaps.reach_to(law.reach)
         self.parts = ContactParts(rows, law, friction, None, betas if law.residual and any(betas) else None)
         self.parts = replace(self.parts, zones=formulation.zones(self))
         self._begin_run()
@@ -116,8 +114,8 @@ class PatchContact:
             result.parts = replace(result.parts, zones=self.zones.for_run(method))
         result._begin_run()
         if method == "static":
-            result._find_rates, result.opening = None, self.gaps.overlap
-            least = self.gaps.clearance + result.opening if result.opening else np.inf
+            result._find_rates, result.opening = None, self.gaps.placement.overlap
+            least = self.gaps.placement.clearance + result.opening if result.opening else np.inf
             result.evaluation = result._at_start(least)
         return result
 
@@ -212,11 +210,6 @@ class PatchContact:
         """See `ContactParts`."""
         return self.parts.damped
 
-    @property
-    def searches(self) -> int:
-        """Searches for the pairs of all points since the start of the run."""
-        return self.gaps.searches
-
     # Answers.
 
     def at(self, q: Array, motion: Motion | None = None) -> Evaluation:
@@ -259,7 +252,7 @@ class PatchContact:
             # What others have pushed is no gap: its energy is stored there.
             return self._answer(gap + (moved - by_others)[:, 0], gap, moved, motion).on_rows
 
-        plastic = zones.solve(self.state.zones, self.gaps.coordinates, self.rows, respond, by_others, earlier)
+        plastic = zones.solve(self.state.zones, self.gaps.present.coordinates, self.rows, respond, by_others, earlier)
         self.evaluation = self.evaluation.with_zones(plastic)
         return self.evaluation
 
@@ -289,36 +282,10 @@ class PatchContact:
             return self.answered(self._all_open(), evaluated_gap, least)
         places = self._places(h, pushed, motion, least)
         forces = law.answer(places)
-        self._check(forces, len(h))
+        check_forces(law, forces, len(h), self.rows.d)
         if not math.isfinite(float(forces.on_rows.sum()) + forces.power + forces.taken):
             _refuse_what_is_no_number(type(law).__name__, forces, motion)
         return self.answered(forces, evaluated_gap, least, places)
-
-    def _check(self, forces: Forces, n: int) -> None:
-        """Raise InputError if a law's answer for n rows cannot be right."""
-        law, name = self.law, type(self.law).__name__
-        if not isinstance(forces, Forces):
-            raise InputError(f"law {name}: expected an answer of type contact.law.Forces, got {type(forces).__name__}")
-        if getattr(forces.on_rows, "shape", None) != (n, self.rows.d):
-            raise InputError(
-                f"law {name}: expected forces of shape {(n, self.rows.d)}, rows by directions, got "
-                f"{np.shape(forces.on_rows)}"
-            )
-        if getattr(forces.closed, "dtype", _NO_ARRAY).kind not in "iu":
-            raise InputError(
-                f"law {name}: expected numbers of the closed rows, an array of integers as np.flatnonzero(forces) "
-                f"returns it, got {getattr(forces.closed, 'dtype', type(forces.closed).__name__)}"
-            )
-        if not (isinstance(forces.power, float) and isinstance(forces.taken, float)):
-            _check_energies(name, forces)
-        if law.elastic and (forces.power or forces.taken):
-            raise InputError(f"law {name}: it takes energy, which only laws with elastic = False do")
-        remembered = None if forces.memory is None else np.shape(forces.memory)
-        if (law.memory or remembered) and remembered != (n, law.memory):
-            raise InputError(
-                f"law {name}: expected a memory of shape {(n, law.memory)}, rows by the values that `memory` of the "
-                f"law says, got {remembered}"
-            )
 
     def places(self, gap: Array, pushed: Array | None = None) -> Places:
         """Places of the present rows with gaps, (nr,) [m], for which others find the forces, see `answered`.
@@ -394,7 +361,7 @@ class PatchContact:
             return self._no_force
         force = self.evaluation.generalised
         if self.secant is not None:
-            self.secant = self.secant.then(self.gaps.q, force)
+            self.secant = self.secant.then(self.gaps.present.q, force)
         return force
 
     def corrected(self, of_rows: Array) -> Array:
@@ -505,7 +472,7 @@ class PatchContact:
     def _begin_evaluation(self) -> None:
         """Let the last answer be that of the state."""
         state = self.state
-        gap, rows = self.gaps.go_to(state.gaps) + self.opening, self.rows
+        gap, rows = self.gaps.at_state(state.gaps) + self.opening, self.rows
         if isinstance(rows, TangentialRows):
             rows.record_places()
         self.evaluation = Evaluation(
@@ -594,16 +561,6 @@ class PatchContact:
 
     # Results.
 
-    @property
-    def node_areas(self) -> Array:
-        """Area of the row of each node of the slave's patch, (np,) [m2]; zero for a node without a row."""
-        return self.gaps.node_areas
-
-    @property
-    def node_pressures(self) -> sp.csr_matrix:
-        """Matrix from forces of the rows to pressures around the nodes of the slave's patch, (np, np) [1/m2]."""
-        return self.gaps.node_pressures
-
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
         """Gaps until forces begin, rates and accelerations of an open contact, see `Gaps.closing`."""
         gap, rate, acceleration = self.gaps.closing(q, q_t, q_tt)
@@ -640,15 +597,6 @@ def _way(rows: TangentialRows, pushed: Array | None) -> Array:
 def _rates(rows: NormalRows | TangentialRows, motion: Motion | None) -> Array:
     """Rates of rows, (nr, d) [m/s]; zero without a motion."""
     return np.zeros((len(rows.gaps.row_nodes), rows.d)) if motion is None else rows.rates(motion.q_t)
-
-
-def _check_energies(name: str, forces: Forces) -> None:
-    """Raise InputError if the energies in the answer of a law of this name are no numbers."""
-    for key, value in (("power", forces.power), ("taken", forces.taken)):
-        if np.ndim(value) != 0:
-            raise InputError(
-                f"law {name}: expected one number as `{key}`, the sum over the rows, got the shape {np.shape(value)}"
-            )
 
 
 def _refuse_what_is_no_number(name: str, forces: Forces, motion: Motion | None) -> None:

@@ -27,13 +27,14 @@ from ..surfaces.projection import Projection
 from ..surfaces.rows import ContactRows, rows_of
 from ..surfaces.surface import Surface
 from ..surfaces.witnesses import seen_from, witnesses_of
+from .anchoring import Anchoring
 from .followed import MET, NEAR, SEARCHED, WIDER, Apart, Followed, FollowedRows, Search, limit_at
-from .gaps import Gaps, GapState, Present
+from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .pairings import Pairing, drift_rows
 from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Shared, Stage
+from .stages import NOTHING, Anchor, Frozen, Present, PresentRows, Shared, Stage
 
 _HELD = 0.02  # of a facet's size: sliding up to which pairs stay frozen
 _STILL = 0.1  # of _HELD: pairs that slide less than that in PATIENCE steps are frozen again
@@ -79,21 +80,23 @@ class PatchGaps(Gaps):
         self._pairing = pairing
         centre = slave.surface.points[pairing.rows.points.row_nodes].sum(axis=0) / max(len(pairing.rows.gap), 1)
         self.sides = Sides((slave.seen_from(centre), master.seen_from(centre)))
-        self._all, self._start_q, self._loaded = pairing.points, pairing.pose, {}
-        self.faced = not pairing.pose.any()
-        self.size, self.approach = pairing.rows.facet_size, pairing.rows.approach
+        self.all_points, self._start_q, self.anchoring = pairing.points, pairing.pose, Anchoring(self)
+        rows = pairing.rows
+        clearance, faced = float(rows.gap.min(initial=np.inf)), not pairing.pose.any()
+        self.placement = Placement(rows.approach, clearance, faced, pressed)
+        self.size = rows.facet_size
         self.furthest = NEAR * self.size
-        self.clearance, self.pressed = float(pairing.rows.gap.min(initial=np.inf)), pressed
         self.witnesses = [witnesses_of(side.surface) for side in self.sides]
         self._start = self._at_start()
+        self.present = Present(self._start, self._start_q, None, None, NOTHING)
         self.begin()
 
     def return_to(self, present: Present) -> None:
         """See `Gaps`. Where the pairs have gone on since, rows are projected anew."""
         stage = present.stage
         if isinstance(stage, Followed) and not stage.knows_pairs:
-            stage = self._stage_anchored(Anchor(present.q, NOTHING, present.growing), stage.rows)
-            present = replace(present, stage=stage, places=stage.places)
+            stage = self.stage_at(Anchor(present.q, NOTHING, present.growing), stage.rows)
+            present = Present(stage, present.q, stage.places, present.anchor, present.growing)
         super().return_to(present)
 
     def _go_to_start(self) -> None:
@@ -112,7 +115,7 @@ class PatchGaps(Gaps):
             steps += 1
             if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), stage.here, 0
-        return GapState(present.q, stage.pose, self.anchor, frozen, self._searched_at, stood, steps, present.growing)
+        return GapState(present.q, stage.pose, present.anchor, frozen, self._searched_at, stood, steps, present.growing)
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
@@ -158,7 +161,7 @@ class PatchGaps(Gaps):
     def _freeze_at(self, q: Array) -> None:
         """Freeze the pairs at coordinates q, (n,)."""
         if self._stage_frozen is None or self._froze_at is None or not np.array_equal(q, self._froze_at):
-            self._stage_frozen = self._freeze(self.project(*self.places(q))[0], q)
+            self._stage_frozen = self._freeze(self.project(*self.sides.places(q, self.growing))[0], q)
             self._froze_at = q
         self._put_stage(self._stage_frozen)
 
@@ -194,7 +197,7 @@ class PatchGaps(Gaps):
 
     def _linearised(self, stage: Stage, rows: ContactRows, q: Array) -> LinearGaps:
         """Gaps of these pairs while they are frozen; their present gaps belong to coordinates q, (n,)."""
-        H, drift = self.rows_on_coordinates(stage, q), drift_rows(self.sides, stage.shares, rows)
+        H, drift = stage.on_coordinates(q), drift_rows(self.sides, stage.shares, rows)
         start = moved(rows.gap.copy(), H, -q)
         _ = weighted_rows(start, H), stage.normal  # so that these loops are compiled before a run begins
         return LinearGaps(H, start, drift, drift @ q, _HELD * self.size)
@@ -203,13 +206,13 @@ class PatchGaps(Gaps):
         """See `Gaps.stance`."""
         return self.stage.here / self.size
 
-    def _stance_of(self, anchor: Anchor) -> Array:
+    def stance_at(self, anchor: Anchor) -> Array:
         """See `Gaps`."""
-        return seen_from(self.places_at(self.stage.rows.sides, anchor), self.witnesses) / self.size
+        return seen_from(self.stage.rows.sides.places(anchor.q, anchor.growing), self.witnesses) / self.size
 
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
-        x_s, x_m = self.places_at(self.sides, anchor)
+        x_s, x_m = self.sides.places(anchor.q, anchor.growing)
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
         projection, start = self._projection(rows.points, slave, master), self.sides[1].surface
         places, nodes = rows.points.at(x_s), x_m[master.facets]
@@ -225,7 +228,7 @@ class PatchGaps(Gaps):
     def at(self, q: Array) -> Array:
         """Gaps of the present rows, (nr,) [m], at coordinates q, (n,)."""
         stage, gap = self.stage.advance(self, q)
-        super().return_to(Present(stage, q, stage.places, self.anchor, self.growing))  # it knows its pairs
+        super().return_to(Present(stage, q, stage.places, self.present.anchor, self.growing))  # it knows its pairs
         return gap
 
     def of_present(self, q: Array) -> Array:
@@ -250,10 +253,10 @@ class PatchGaps(Gaps):
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`."""
-        x_s, x_m = self.dented(self.sides, q, dents)
+        x_s, x_m = self.sides.dented(q, self.growing, dents)
         direction = replace(self.slave.surface, points=x_s).normal_here
         master = replace(self.sides[1].surface, points=x_m)
-        projection = closest_met(np.vstack([x_s, self._all.at(x_s)]), direction, master)
+        projection = closest_met(np.vstack([x_s, self.all_points.at(x_s)]), direction, master)
         return float(projection.gap[facing(projection, direction, self.size, ALONG_LINE)].min(initial=np.inf))
 
     def closing(self, q: Array, q_t: Array, q_tt: Array) -> tuple[Array, Array, Array]:
@@ -264,7 +267,7 @@ class PatchGaps(Gaps):
         few = self.stage
         stage, gap = few.with_more_rows(self, q)
         self._go_to_stage(stage, q)
-        x_s, x_m = self.places(q)
+        x_s, x_m = self.sides.places(q, self.growing)
         beyond = (NEAR - 2 * SEARCHED) * self.size if len(gap) else self._distance(x_s, x_m)
         velocities, accelerations = (self._of_nodes(q, rates) for rates in (q_t, q_tt))
         mean = velocities[1].mean(axis=0)
@@ -295,7 +298,7 @@ class PatchGaps(Gaps):
         known = math.isfinite(lifting)
         limit, shuts = max(limit_at(least, self.reach), self.within), lifting * float(lam.sum()) if known else 0.0
         if self.reach + shuts > limit:
-            parts = zip(self.sides, self.coordinates, on_nodes(), strict=True)
+            parts = zip(self.sides, self.present.coordinates, on_nodes(), strict=True)
             shuts = min(shuts, sum(side.lifted(q, forces) for side, q, forces in parts))
         if shared or not known:
             shuts = max(shuts, WIDER * float(gap[lam > 0.0].max(initial=0.0)))
@@ -314,7 +317,7 @@ class PatchGaps(Gaps):
         The nodes of each side are moved by ways, (np, 3) [m], in the body's axes. Where contact wanders over a patch,
         only its near part is looked at.
         """
-        rows, _ = self.project(*self.dented(self.sides, q, ways))
+        rows, _ = self.project(*self.sides.dented(q, self.growing, ways))
         return rows.points.row_nodes, rows.gap
 
     @property
@@ -331,7 +334,7 @@ class PatchGaps(Gaps):
         return self._start.once("lifting", self._lifting)
 
     def _lifting(self) -> float:
-        if self.on_demand or self.between is not None:
+        if self.sides.on_demand or self.between is not None:
             return math.inf
         return sum(side.lifting for side in self._start.rows.sides)
 
@@ -342,8 +345,9 @@ class PatchGaps(Gaps):
 
     def _of_rows(self, velocities: Sequence[Array]) -> Array:
         """Rates of the gaps of the present rows, (nr,), from velocities of the nodes, (np, 3) for each side."""
-        slave, master = (at_points(*share, v) for share, v in zip(self.shares, velocities, strict=True))
-        return self.points.average(np.einsum("pd,pd->p", self.normals, slave + master))
+        stage = self.stage
+        slave, master = (at_points(*share, v) for share, v in zip(stage.shares, velocities, strict=True))
+        return stage.rows.points.average(np.einsum("pd,pd->p", stage.normals, slave + master))
 
     def _distance(self, x_s: Array, x_m: Array) -> float:
         """Least gap, or a lower bound [m]: if the patches are apart, the gap between balls around them."""
@@ -355,10 +359,10 @@ class PatchGaps(Gaps):
     def project(self, x_s: Array, x_m: Array) -> tuple[ContactRows, float]:
         """Rows of all points that face the master, and the least gap [m]."""
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        projection = self._projection(self._all, slave, master)
+        projection = self._projection(self.all_points, slave, master)
         paired = facing(projection, slave.normal_here, self.size, ALONG_LINE)
         least = projection.gap[paired].min(initial=np.hypot(projection.gap, projection.offset).min())
-        return rows_of(self._all, projection, paired, slave, master, self.approach), float(least)
+        return rows_of(self.all_points, projection, paired, slave, master, self.placement.approach), float(least)
 
     def _projection(self, points: ContactPoints, slave: Surface, master: Surface) -> Projection:
         """Closest points of some points of the slave on the master."""
@@ -376,7 +380,7 @@ class PatchGaps(Gaps):
 
     def met_at(self, q: Array, points: ContactPoints) -> tuple[Projection, Array, Array, Array]:
         """See `Pair.met_at`."""
-        return self.met(self.places(q), points)
+        return self.met(self.sides.places(q, self.growing), points)
 
     def search(self, q: Array, within: float | None = None) -> tuple[Stage, Array]:
         """See `Pair`.
@@ -385,7 +389,7 @@ class PatchGaps(Gaps):
         when they are apart again. So nothing depends on whether others asked for their gaps while they were apart.
         """
         self.searches += 1
-        places = self.places(q)
+        places = self.sides.places(q, self.growing)
         here = seen_from(places, self.witnesses)
         every, least = self.project(*places)
         near, at_least = (MET, 0.0) if self.anywhere else (NEAR, SEARCHED)

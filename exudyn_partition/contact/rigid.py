@@ -9,19 +9,22 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..errors import InputError, PenetrationError, RunError
+from ..frames.kinematics import Rows
 from ..support.arrays import Array, Vector, as_read_only
 from ..support.attributes import FoundOnce
 from ..support.checks import validate_flag, validate_positive, validate_vector
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.points import ContactPoints, RowKind
 from . import loops
-from .gaps import Gaps, GapState
+from .anchoring import Anchoring
+from .carrier import Carrier
+from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .pairings import points_of, values_on_plane
 from .rigid_mesh import RigidMesh
 from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import FEW, NOTHING, Anchor, Frozen, Present, PresentRows, Stage
 
 _LEFT = 0.05  # of a row's depth: with less of a sheet before it, the row has passed through
 
@@ -185,21 +188,23 @@ class OnRigid(Stage):
         """See `Gaps.stance`; normals at the points in the body's axes, (p, 3)."""
         return self.rows.sides[0].kinematics.in_frame(self._q, self.normals)
 
-    def moment(self, lam: Array, about: Array) -> Array:
-        """Moment on the slave about a point, see `loops.rigid_moment`; places count from the contact's centre."""
-        return loops.rigid_moment(self.rows.flat, lam, self.normals, self.places[0], about)
+    def moment(self, lam: Array, about: Array, places: Array) -> Array:
+        """See `Stage.moment`; one compiled call."""
+        return loops.rigid_moment(self.rows.flat, lam, self.normals, places, about)
 
-    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
         """See `Stage.acted`; compiled calls."""
         (side,) = self.rows.sides
         if not side.flattens:
-            return None
+            return super().acted(lam, q)
         return loops.pushed_rigid(self.rows.flat, lam, self.normals, side, q), self.resultant(lam)
 
-    def some_rows(self, index: Array, q: Array) -> Array | None:
-        """See `Stage.some_rows`; one compiled call."""
+    def jacobian(self, index: Array, q: Array) -> Rows:
+        """See `Stage.jacobian`; one compiled call for few rows."""
         (side,) = self.rows.sides
-        return loops.rigid_rows(self.rows.flat, index, self.normals, side, q) if side.flattens else None
+        if len(index) > FEW or not side.flattens:
+            return super().jacobian(index, q)
+        return loops.rigid_rows(self.rows.flat, index, self.normals, side, q)
 
 
 class RigidGaps(Gaps):
@@ -239,7 +244,7 @@ class RigidGaps(Gaps):
         *,
         pressed: bool = False,
     ) -> None:
-        self.surface, self._pose, self._motion = surface, pose, motion
+        self.surface, self.carrier = surface, Carrier(pose, motion)
         self.carried, self._seen = pose is not None, surface
         if isinstance(surface, RigidPlane) and pose is None:
             middle = slave.surface.points.mean(axis=0)
@@ -248,18 +253,17 @@ class RigidGaps(Gaps):
         self.primitive = self._seen.primitive if isinstance(self._seen, Primitives) else None
         self.sides = Sides((slave,))
         self.size = slave.surface.facet_size
-        self._all = points_of(slave, kind)
-        self._start_q, self._loaded = np.zeros(self.n), {}
+        self.all_points = points_of(slave, kind)
+        self._start_q, self.anchoring = np.zeros(self.n), Anchoring(self)
         self._start, gap = self._stage_at(self._rows_at_start(), [slave.surface.points - slave.centre], self._start_q)
-        self._go_to_stage(self._start, self._start_q)
-        self.pressed, self.clearance = pressed, float(gap.min())
-        self._face_surface(gap)
+        self.return_to(Present(self._start, self._start_q, None, None, NOTHING))
+        self.placement = self._face_surface(gap, pressed=pressed)
         linear = slave.kinematics.linear and not slave.surface.wanders
         if linear and isinstance(surface, RigidPlane) and pose is None:
             no_drift = np.zeros((0, self.n)), np.zeros(0)
             shared = values_on_plane(slave, kind, surface.normal)
             start = Stage(self._start.rows, self._start.normals, self._start.shares, shared)
-            H = start.by_pairs("rows", lambda: self.rows_on_coordinates(start, self._start_q))
+            H = start.by_pairs("rows", lambda: start.on_coordinates(self._start_q))
             linear_gaps = LinearGaps(H, gap, *no_drift, 0.0)
             self._start = Frozen(start.rows, start.normals, start.shares, linear_gaps, shared)
         self._put_stage(self._start.again())
@@ -277,12 +281,12 @@ class RigidGaps(Gaps):
 
     def placed_rows(self) -> tuple[ContactPoints, Array, Array]:
         """See `Gaps.placed_rows`."""
-        gap, normals = self._projected(self._all.at(self.whole.surface.points - self.centre), self.carrier_pose)
-        return self._all, normals, self._all.average(gap)
+        gap, normals = self._projected(self.all_points.at(self.whole.surface.points - self.centre), self.carrier.pose)
+        return self.all_points, normals, self.all_points.average(gap)
 
     def _rows_at_start(self) -> PresentRows:
         """Rows at the start."""
-        return self._rows(self._all)
+        return self._rows(self.all_points)
 
     def _rows(self, points: ContactPoints) -> PresentRows:
         at_rim = np.isin(points.row_nodes, self.slave.surface.rim)
@@ -295,7 +299,7 @@ class RigidGaps(Gaps):
 
         `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
         """
-        pose, points = self.carrier_pose if pose is None else pose, rows.points
+        pose, points = self.carrier.pose if pose is None else pose, rows.points
         gap, normals = self._projected(x := points.at(places[0]), pose)
         if isinstance(self.surface, RigidMesh) and gap.min(initial=0.0) < 0.0:
             outward = self.slave.surface.normals_at(points.nodes, points.weights)
@@ -311,11 +315,6 @@ class RigidGaps(Gaps):
         stage.places, stage.pose = places, pose
         return stage, rows.points.average(gap)
 
-    @property
-    def constant_rows(self) -> object:
-        """See `Gaps.constant_rows`; only the normals of these rows depend on the place of the surface."""
-        return self if self.slave.normal_only else super().constant_rows
-
     def _go_to_start(self) -> None:
         """See `Gaps`."""
         self._put_stage(self._start.again())
@@ -327,7 +326,7 @@ class RigidGaps(Gaps):
         if isinstance(stage, Frozen):  # rows on a plane stay the same at any sliding
             self._go_to_stage(stage, q)
             return stage.gap(q)
-        return self._gaps_at(q, self.carrier_pose)
+        return self._gaps_at(q, self.carrier.pose)
 
     def _gaps_at(self, q: Array, pose: Array) -> Array:
         """Gaps at coordinates q, (n,), with the carrier of the surface at a pose."""
@@ -339,23 +338,23 @@ class RigidGaps(Gaps):
         """Stage of some rows where the slave and the surface's carrier are, and gaps, (nr,) [m]."""
         q, pose, growing = where.q, where.pose, where.growing
         if self.primitive is None or not loops.at_once():
-            return self._stage_at(rows, self.places_at(rows.sides, where), q, pose)
+            return self._stage_at(rows, rows.sides.places(q, growing), q, pose)
         (side,) = rows.sides
         x, points = side.places_begun(q, growing), rows.flat
         gap, normals = loops.rigid_gaps(points, side, self.primitive, q, pose, growing, x)
         return OnRigid(rows, normals, x, where), gap
 
-    def _gaps_in(self, state: GapState) -> Array:
+    def _at_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
         return self._gaps_at(state.q, state.pose) if len(state.pose) else self.at(state.q)
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; only for a surface that is fixed in space."""
-        (nodes,) = self.dented([self.whole], q, dents)
-        gap, normals = self._seen.project(x := np.vstack([nodes, self._all.at(nodes)]))
+        (nodes,) = Sides((self.whole,)).dented(q, self.growing, dents)
+        gap, normals = self._seen.project(x := np.vstack([nodes, self.all_points.at(nodes)]))
         if isinstance(self.surface, RigidMesh) and gap.min() < 0.0:
             patch, every = self.whole.surface, np.arange(len(nodes))[:, None]
-            carriers = (every, np.ones(every.shape)), (self._all.nodes, self._all.weights)
+            carriers = (every, np.ones(every.shape)), (self.all_points.nodes, self.all_points.weights)
             gap = self._entered(
                 x, np.vstack([patch.normals_at(*carrier) for carrier in carriers]), q, NOTHING, gap, normals
             )[0]
@@ -366,19 +365,6 @@ class RigidGaps(Gaps):
         """The slave with all facets of its patch."""
         return self.slave
 
-    def moment(self, lam: Array, point: Array) -> Array:
-        """See `Gaps.moment`."""
-        stage = self.stage
-        return stage.moment(lam, point - self.centre) if isinstance(stage, OnRigid) else super().moment(lam, point)
-
-    def carrier_rows(self, index: Array) -> Array:
-        """Derivative of gap rates, (na, 6), with respect to velocity and angular velocity of the surface's carrier."""
-        if self._pose is None:
-            raise InputError("carrier_rows: nothing carries the surface")
-        arms = self.points.at(self.places_now()[0]) - self._pose()[0]
-        rows = -np.hstack([self.normals, np.cross(arms, self.normals)])
-        return self.points.average(rows)[index]
-
     def stance(self) -> Array:
         """See `Gaps.stance`."""
         if self.slave.normal_only:
@@ -386,9 +372,9 @@ class RigidGaps(Gaps):
         stage = self.stage
         if isinstance(stage, OnRigid):
             return stage.stance
-        return self.slave.kinematics.in_frame(self.present.q, self.normals)
+        return self.slave.kinematics.in_frame(self.present.q, stage.normals)
 
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         stage = self._placed(rows, anchor)[0]
         stage.of_anchor = True
@@ -397,7 +383,7 @@ class RigidGaps(Gaps):
     def _projected(self, x: Array, pose: Array) -> tuple[Array, Array]:
         """Gaps, (k,) [m], and normals in space, (k, 3), at points, (k, 3) [m], from the centre.
 
-        `pose` is `carrier_pose`.
+        `pose` is `Carrier.pose`.
         """
         if self.primitive is not None and loops.at_once():
             return loops.projected(self.primitive, x, pose)
@@ -411,8 +397,10 @@ class RigidGaps(Gaps):
         """Outward normal with which the patch faces the surface, (3,)."""
         return self.slave.surface.direction
 
-    def _face_surface(self, gap: Array) -> None:
+    def _face_surface(self, gap: Array, *, pressed: bool) -> Placement:
         """Find how the patch faces the surface at the start, where rows have gaps, (nr,) [m].
+
+        `pressed` is whether an overlap is meant. A body that does not face the surface, and can turn, starts turned.
 
         Raises
         ------
@@ -422,20 +410,21 @@ class RigidGaps(Gaps):
             If rows begin inside the surface.
         """
         deepest, surface = int(gap.argmin()), self.slave.surface
-        self.approach = -self.normal[deepest]
-        direction = self._direction(self.row_nodes[deepest])
-        self.faced = bool(self.approach @ direction > 0)
-        if not self.faced and (self.slave.kinematics.linear or surface.wanders):
+        approach, node = -self.stage.normal[deepest], self.row_nodes[deepest]
+        direction = self._direction(node)
+        faced = bool(approach @ direction > 0)
+        if not faced and (self.slave.kinematics.linear or surface.wanders):
             raise InputError(
                 f"master: the slave's patch, with outward normal {direction}, faces away from the rigid "
-                f"surface; the normal there is {-self.approach}. Turn the normal, or choose another patch"
+                f"surface; the normal there is {-approach}. Turn the normal, or choose another patch"
             )
-        if not self.pressed and gap[deepest] < -PENETRATION_TOLERANCE * self.size:
+        if not pressed and gap[deepest] < -PENETRATION_TOLERANCE * self.size:
             raise PenetrationError(
                 f"{np.count_nonzero(gap < 0)} of {len(gap)} contact rows start inside the rigid surface, the worst by "
-                f"{-gap[deepest]:.4g} m at {surface.points[self.row_nodes[deepest]]} m. Move the body by at least that "
+                f"{-gap[deepest]:.4g} m at {surface.points[node]} m. Move the body by at least that "
                 "(referencePosition)"
             )
-        if not self.faced:  # a body that turns may face it later
-            nearest = surface.points[self.row_nodes[deepest]] + gap[deepest] * self.approach
-            self._start_q = self.slave.turned_to(nearest, -self.approach, gap[deepest])
+        if not faced:  # a body that turns may face it later
+            nearest = surface.points[node] + gap[deepest] * approach
+            self._start_q = self.slave.turned_to(nearest, -approach, gap[deepest])
+        return Placement(approach, float(gap.min()), faced, pressed)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..algebra.products import dense
-from ..frames.kinematics import Rows
+from ..frames.kinematics import STILL, Rows
 from ..reduction.body import ReducedBody
 from ..support.arrays import Array, consecutive
 from ..support.attributes import FoundOnce
@@ -44,6 +44,23 @@ class Sides(tuple[Side, ...]):
         """Split q, (n,), into the coordinates of each side."""
         n = self[0].n
         return [q] if len(self) == 1 else [q[:n], q[n:]]
+
+    def growths(self, growing: Array) -> list[Array]:
+        """Split products by which the k sides grow, (6 k,) or empty, into those of each side, (6,) or empty."""
+        return [growing[:6], growing[6:]][: len(self)]
+
+    def places(self, q: Array, growing: Array = STILL) -> list[Array]:
+        """Places of the nodes of the patches, (np, 3) for each side [m], at coordinates q, (n,), see `Side.place`.
+
+        `growing`, (6 k,), are the products by which the k sides grow; empty if none does.
+        """
+        return [side.place(*part) for side, *part in zip(self, self.split(q), self.growths(growing), strict=True)]
+
+    def dented(self, q: Array, growing: Array, dents: Sequence[Array] | None) -> list[Array]:
+        """Places of all nodes, (np, 3) for each side [m], with dents of the sides, see `Side.dented`."""
+        of_sides: Sequence[Array | None] = dents or [None] * len(self)
+        parts = zip(self, self.split(q), self.growths(growing), of_sides, strict=True)
+        return [side.dented(part, grown, dent) for side, part, grown, dent in parts]
 
     def moved(self, q: Array, way: Array) -> Array:
         """Coordinates, (n,), after an increment `way`, (n,), from q, (n,); `way` is velocity times time."""

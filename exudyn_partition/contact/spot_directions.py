@@ -40,10 +40,10 @@ class SpotDirections(TangentialRows):
         """
         gaps = self.gaps
         spot, sign = gaps.spot_rows.spots[place], (1.0, -1.0)[place]
-        meeting, axes = gaps.meeting, gaps.sides[place].kinematics.frame(gaps.coordinates[place])[1]
+        meeting, axes = gaps.spot_stage.meeting, gaps.sides[place].kinematics.frame(gaps.present.coordinates[place])[1]
         kernel, outward = spot.kernel, meeting.outward[place]
-        nodes, weights = gaps.shares[place]
-        mean = sign * weights[0] @ gaps.body_points(place)[nodes[0]]
+        nodes, weights = gaps.stage.shares[place]
+        mean = sign * weights[0] @ gaps.makers[place].points[nodes[0]]
         lever = float((meeting.points[place] - mean) @ outward)
         turned = self.tangents[0] @ axes
         return kernel.nodes, -sign * lever * (kernel.slopes @ turned.T), axes @ outward
@@ -58,7 +58,7 @@ class SpotDirections(TangentialRows):
     def _turning(self) -> Rows:
         """Part of the tangential rows that is the turning of the kernels times their levers, (2, n)."""
         parts = []
-        for place, (side, q) in enumerate(zip(self.gaps.near_sides, self.gaps.coordinates, strict=True)):
+        for place, (side, q) in enumerate(zip(self.gaps.stage.rows.sides, self.gaps.present.coordinates, strict=True)):
             nodes, shares, along = self._couples(place)
             values = shares.T[:, :, None] * along
             columns = np.tile(node_dofs(nodes), (2, 1))
@@ -72,7 +72,7 @@ class SpotDirections(TangentialRows):
         way, gaps = super().way(), self.gaps
         if self._from is None or not gaps.moving:
             return way
-        return np.asarray(way + dense(self._turning()) @ gaps.sides.way(self._from.q, gaps.q))
+        return np.asarray(way + dense(self._turning()) @ gaps.sides.way(self._from.q, gaps.present.q))
 
     def _carried(self, offsets: Array, then: Anchor | GapState) -> Array:
         """See `TangentialRows`; two bodies have their levers, and a rigid surface moves at the point of contact."""
@@ -87,32 +87,33 @@ class SpotDirections(TangentialRows):
         if not len(index):
             return loaded, rows
         nodes, shares, along = self._couples(place)
-        side, q = self.gaps.sides[place], self.gaps.coordinates[place]
+        side, q = self.gaps.sides[place], self.gaps.present.coordinates[place]
         values = shares.T[:, :, None] * side.kinematics.in_frame(q, along[None])[0]
         rows[1:, node_dofs(loaded.column[nodes])] += values.reshape(2, -1)
         return loaded, rows
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """See `TangentialRows`; forces on the master act on its true surface, so that there is no couple between."""
-        on_nodes = self.gaps.on_nodes(self.at_points(lam))
+        on_nodes = self.gaps.stage.on_nodes(self.at_points(lam))
         for place, forces in enumerate(on_nodes):
             nodes, shares, along = self._couples(place)
             forces[nodes] += np.outer(shares @ lam[0, 1:], along)
-        for forces, (nodes, more) in zip(on_nodes, self.gaps.pushed(float(lam[0, 0])), strict=False):
+        for forces, (nodes, more) in zip(on_nodes, self.gaps.spot_stage.pushed(float(lam[0, 0])), strict=False):
             forces[nodes] += more
         return on_nodes
 
     def moment(self, forces: Array, point: Array) -> Array:
         """See `TangentialRows`."""
         couple = np.cross(self._lever(), self.in_space(forces[:, 1:])[0])
-        return np.asarray(super().moment(forces, point) + couple + self.gaps.push_moment(float(forces[0, 0]), point))
+        pushed = self.gaps.spot_stage.push_moment(float(forces[0, 0]), point - self.gaps.centre)
+        return np.asarray(super().moment(forces, point) + couple + pushed)
 
     def _lever(self) -> Array:
         """From the mean place of the slave's kernel to its true surface, in space, (3,) [m]."""
         gaps = self.gaps
-        axes = gaps.sides[0].kinematics.frame(gaps.coordinates[0])[1]
-        nodes, weights = gaps.shares[0]
-        return np.asarray(axes @ (gaps.meeting.points[0] - weights[0] @ gaps.body_points(0)[nodes[0]]))
+        axes = gaps.sides[0].kinematics.frame(gaps.present.coordinates[0])[1]
+        nodes, weights = gaps.stage.shares[0]
+        return np.asarray(axes @ (gaps.spot_stage.meeting.points[0] - weights[0] @ gaps.makers[0].points[nodes[0]]))
 
     def carrier_rows(self, index: Array) -> Array:
         """See `TangentialRows`."""

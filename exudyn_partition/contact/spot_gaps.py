@@ -21,14 +21,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import InputError, PenetrationError
-from ..frames.rotations import skew
 from ..prediction.point_contact import PointContact
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce
 from ..surfaces.facing import PENETRATION_TOLERANCE
 from ..surfaces.hulls import hull_distance
 from ..surfaces.points import ContactPoints
-from .gaps import Gaps, GapState, Present
+from .anchoring import Anchoring
+from .carrier import Carrier
+from .gaps import Gaps, GapState, Placement
 from .linear_gaps import LinearGaps
 from .nearest_faces import NearestFaces
 from .rigid import RigidPlane, RigidSurface
@@ -37,7 +38,7 @@ from .sides import Sides
 from .smooth_faces import SmoothFace
 from .spot import Spot, SpotMaker
 from .spot_stage import FrozenSpot, Meeting, Pose, SpotStage
-from .stages import NOTHING, Anchor, Frozen, PresentRows, Stage
+from .stages import NOTHING, Anchor, Frozen, Present, PresentRows, Stage
 from .touching import ROLES, Touching
 
 _TILTED = 0.1  # of a kernel's radius: motion of the point of contact after which the kernel is made anew
@@ -56,7 +57,7 @@ class SpotRows(PresentRows):
         See `PresentRows`.
     spots : list of Spot
     made_at : Anchor
-        Where the spots were made.
+        Where the spots were made: the flexibility is that under the kernels then, whatever tilts them.
     touching : tuple of (Touching, list of (3, 3) arrays, (3,) array)
         How its own faces touch there: axes of both sides, and the normal.
     inside : bool
@@ -70,9 +71,32 @@ class SpotRows(PresentRows):
 
     @FoundOnce
     def contact(self) -> PointContact:
-        """Hertz's contact of its own faces there; surfaces that touch along a line have none, see `at_point`."""
+        """Hertz's contact of its own faces there, which springs of friction keep.
+
+        Surfaces that touch along a line have none, see `at_point`.
+        """
         pair, axes, normal = self.touching
         return pair.contact(axes, normal)
+
+    @property
+    def even(self) -> bool:
+        """Whether `contact` is so nearly a circle that its axes would turn with the least motion."""
+        small, large = sorted(self.contact.curvatures)
+        return large - small <= _EVEN * large
+
+    @property
+    def shear(self) -> tuple[float, float]:
+        """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
+        along, across = self.contact.shear_moduli(self.touching[0].materials)
+        mean = (along + across) / 2
+        return (mean, mean) if self.even else (along, across)
+
+    def reaches(self, meeting: Meeting) -> bool:
+        """Whether the point of contact is near the centres of the spots."""
+        return all(
+            np.linalg.norm(point - spot.kernel.centre) <= _TILTED * spot.radius
+            for spot, point in zip(self.spots, meeting.points, strict=True)
+        )
 
     @property
     def lacking(self) -> Array:
@@ -104,8 +128,6 @@ class SpotGaps(Gaps):
         If the surfaces overlap at the start.
     """
 
-    _loaded_rows: object = None  # the rows to which `_loaded` belongs
-
     def __init__(
         self,
         sides: Sequence[Side],
@@ -116,70 +138,47 @@ class SpotGaps(Gaps):
         *,
         faces: Sequence[SmoothFace],
     ) -> None:
-        self._surface, self._pose, self._motion = surface, pose, motion
+        self._surface, self.carrier = surface, Carrier(pose, motion)
         self.carried = pose is not None
         self.faces = tuple(faces)
         self._nearest = NearestFaces.of(sides, patches, surface, faces)
-        self._own, self._makers = self._nearest.own, self._nearest.makers
+        self.own, self.makers = self._nearest.own, self._nearest.makers
         self._prepare(sides)
 
     @property
     def contact(self) -> PointContact:
         """Hertz's contact of the two surfaces, where they are."""
-        if self.spot_rows.inside and self._own.round is not None:
-            return self._own.round
-        return self._spot_stage.contact
-
-    @property
-    def contact_then(self) -> PointContact:
-        """That of the contact's own faces alone, where the present row was made; springs of friction keep it."""
-        return self.spot_rows.contact
-
-    @property
-    def round(self) -> bool:
-        """Whether `contact_then` is a circle wherever the own faces touch: it has no axes."""
-        return self._own.round is not None and self._own.round.circular
-
-    @property
-    def even(self) -> bool:
-        """Whether `contact_then` is so nearly a circle that its axes would turn with the least motion."""
-        small, large = sorted(self.contact_then.curvatures)
-        return large - small <= _EVEN * large
-
-    @property
-    def shear(self) -> tuple[float, float]:
-        """Tangential moduli of both bodies along the ellipse of contact and across it, see `PointContact` [Pa]."""
-        along, across = self.contact_then.shear_moduli(self._own.materials)
-        mean = (along + across) / 2
-        return (mean, mean) if self.even else (along, across)
+        if self.spot_rows.inside and self.own.round is not None:
+            return self.own.round
+        return self.spot_stage.contact
 
     def _prepare(self, sides: Sequence[Side]) -> None:
         """Find the spots at the start."""
         self.sides = Sides(sides)
         self.size = self._nearest.size
-        self._middles = [maker.points.mean(axis=0) for maker in self._makers]
-        self._loaded = {}
+        self._middles = [maker.points.mean(axis=0) for maker in self.makers]
+        self.anchoring = Anchoring(self)
         self._start_q = np.zeros(self.n)
-        meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier_pose))
+        meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier.pose))
         if not self.carried:
             self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
-        slave = self._makers[0].points
+        slave = self.makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
-        rows = self._rows_at(Anchor(self._start_q, self.carrier_pose, NOTHING))
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, self._start_q), self._start_q)
+        rows = self._rows_at(Anchor(self._start_q, self.carrier.pose, NOTHING))
+        stage, gap = self._stage_at(rows, rows.sides.places(self._start_q, self.growing), self._start_q)
         self._check_start(rows, stage, gap)
         self._start_rows = rows
-        self._all, self.clearance, self.approach = rows.points, float(gap[0]), -stage.normals[0]
+        self.all_points, self.placement = rows.points, Placement(-stage.normals[0], float(gap[0]))
         self._start = self._frozen(stage, gap) if self._may_freeze else stage
-        self._go_to_stage(self._start, self._start_q)
+        self.return_to(Present(self._start, self._start_q, self._start.places, None, NOTHING))
 
     def _contact_place(self, meeting: Meeting) -> Array:
         """Place of the point of contact on the slave at the start, (3,) [m]."""
-        return self._rough_poses(self._start_q, self.carrier_pose)[0].out(meeting.points[0])
+        return self._rough_poses(self._start_q, self.carrier.pose)[0].out(meeting.points[0])
 
     def _check_start(self, rows: SpotRows, stage: SpotStage, gap: Array) -> None:
         """Raise if the spots cannot be computed, or if the true surfaces overlap at the start."""
-        for maker, spot, side in zip(self._makers, rows.spots, self.sides, strict=True):
+        for maker, spot, side in zip(self.makers, rows.spots, self.sides, strict=True):
             alone = len(maker.face.facets) == len(side.surface.facets)
             touches = spot.covered and stage.share > 0.0 and (alone or gap[0] <= _TOUCHES * self.size)
             if touches or (alone and side.kinematics.linear and not side.surface.wanders):
@@ -198,7 +197,7 @@ class SpotGaps(Gaps):
     def _check_flexibility(self, number: int, outward: Array) -> None:
         """Raise InputError if a side has no flexibility along the line of contact; its normal is in its axes."""
         side = self.sides[number]
-        if not side.normal_only or isinstance(self._own.shapes[number].shape, RigidPlane):
+        if not side.normal_only or isinstance(self.own.shapes[number].shape, RigidPlane):
             return
         line = side.kinematics.frame(np.zeros(side.n))[1] @ outward
         if side.surface.wanders or not side.kinematics.linear or 1 - line @ side.surface.direction > _ALONG:
@@ -211,13 +210,12 @@ class SpotGaps(Gaps):
     @property
     def _may_freeze(self) -> bool:
         """Whether the point of contact stays the same in the bodies, and gaps are linear in the coordinates."""
-        ball_on_plane = self._own.ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
+        ball_on_plane = self.own.ball == 0 and isinstance(self._surface, RigidPlane) and not self.carried
         stays = self._start_rows.inside and all(spot.covered for spot in self._start_rows.spots)
         return ball_on_plane and self.sides[0].kinematics.linear and stays
 
     def _frozen(self, stage: SpotStage, gap: Array) -> Frozen:
-        self.stage = stage
-        H = self.rows_on_coordinates(stage, self._start_q)
+        H = stage.on_coordinates(self._start_q)
         no_drift = np.zeros((0, self.n)), np.zeros(0)
         frozen = FrozenSpot(stage.rows, stage.normals, stage.shares, LinearGaps(H, gap, *no_drift, 0.0))
         frozen.meeting, frozen.share = stage.meeting, stage.share
@@ -232,7 +230,7 @@ class SpotGaps(Gaps):
         The rigid surface's carrier is at a pose, (12,).
         """
         poses = []
-        both = zip(self.sides, self._middles, self.sides.split(q), self._by_side(growing), strict=True)
+        both = zip(self.sides, self._middles, self.sides.split(q), self.sides.growths(growing), strict=True)
         for side, middle, part, products in both:
             place = replace(side, active=None).place(part, products).mean(axis=0)
             poses.append(Pose(place, middle, side.kinematics.frame(part)[1]))
@@ -246,7 +244,7 @@ class SpotGaps(Gaps):
         The rigid surface's carrier is at a pose, (12,).
         """
         poses = []
-        for x, share, spot, maker, turned in zip(places, weights, rows.spots, self._makers, axes, strict=True):
+        for x, share, spot, maker, turned in zip(places, weights, rows.spots, self.makers, axes, strict=True):
             nodes = spot.kernel.nodes
             poses.append(Pose(share @ x[nodes], share @ maker.points[nodes], turned))
         return self._all_poses(poses, carried)
@@ -265,7 +263,7 @@ class SpotGaps(Gaps):
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
         meeting = self._nearest.on_faces(self._rough_poses(anchor.q, anchor.pose, anchor.growing))[0]
-        where = zip(self._makers, meeting.points, meeting.outward, strict=True)
+        where = zip(self.makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
         n = len(surface.points)
@@ -284,7 +282,7 @@ class SpotGaps(Gaps):
             face.from_seam(point) > 2 * _TILTED * spot.radius + self._nearest.width and face.holds(point, outward)
             for face, spot, point, outward in zip(self.faces, spots, meeting.points, meeting.outward, strict=True)
         )
-        rows.touching = self._own, self._axes(anchor.q, anchor.pose), meeting.normal
+        rows.touching = self.own, self._axes(anchor.q, anchor.pose), meeting.normal
         return rows
 
     def _stage_at(
@@ -294,11 +292,11 @@ class SpotGaps(Gaps):
 
         `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
         """
-        pose = self.carrier_pose if pose is None else pose
+        pose = self.carrier.pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         meeting, owners = self._where(rows, self._poses(places, weights, rows, axes, pose))
-        where = zip(rows.spots, self._makers, meeting.points, meeting.outward, strict=True)
+        where = zip(rows.spots, self.makers, meeting.points, meeting.outward, strict=True)
         weights = [
             spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where
         ]
@@ -322,7 +320,7 @@ class SpotGaps(Gaps):
     def _stage_where(self, rows: SpotRows, meeting: Meeting, owners: tuple[int, ...], poses: list[Pose]) -> SpotStage:
         """Stage of a row without its weights; poses are those of both sides."""
         stage = SpotStage(rows, meeting.normal[None].copy(), ())
-        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self._own.modulus
+        stage.meeting, stage.poses, stage.modulus = meeting, tuple(poses), self.own.modulus
         stage.shared_by = self._nearest.shared_by(meeting, owners, rows.inside)
         stage.share = math.prod(float(by.shares[0]) for by in stage.shared_by) * self._left(rows, meeting)
         return stage
@@ -330,7 +328,7 @@ class SpotGaps(Gaps):
     def _tilts(self, rows: SpotRows, places: list[Array], stage: SpotStage) -> tuple[Array, ...]:
         """See `SpotStage.tilts`."""
         tilts = []
-        parts = zip(rows.spots, self._makers, places, stage.poses, stage.meeting.outward, strict=False)
+        parts = zip(rows.spots, self.makers, places, stage.poses, stage.meeting.outward, strict=False)
         for spot, maker, x, pose, outward in parts:
             nodes = spot.kernel.nodes
             along = x[nodes] @ (pose.axes @ outward) - maker.points[nodes] @ outward
@@ -341,40 +339,22 @@ class SpotGaps(Gaps):
         """Share of the contact that is left at the end of patches; none where surfaces do not touch."""
         if self._nearest.behind(meeting, rows.spots):
             return 0.0
-        parts = zip(self._makers, rows.spots, meeting.points, meeting.outward, strict=True)
+        parts = zip(self.makers, rows.spots, meeting.points, meeting.outward, strict=True)
         return math.prod(
             spot.left(maker.points, maker.face.around, point, outward) for maker, spot, point, outward in parts
         )
 
-    def _reaches(self, rows: SpotRows, meeting: Meeting) -> bool:
-        """Whether the point of contact is near the centres of the spots."""
-        return all(
-            np.linalg.norm(point - spot.kernel.centre) <= _TILTED * spot.radius
-            for spot, point in zip(rows.spots, meeting.points, strict=True)
-        )
-
     @property
-    def meeting(self) -> Meeting:
-        """Where the surfaces are nearest now."""
+    def spot_stage(self) -> SpotStage | FrozenSpot:
+        """The stage, where the point of contact is known."""
         stage = self.stage
         assert isinstance(stage, SpotStage | FrozenSpot)
-        return stage.meeting
-
-    @property
-    def share(self) -> float:
-        """Share of the contact that is on the faces of both sides now."""
-        return self._spot_stage.share
+        return stage
 
     @property
     def beside(self) -> bool:
         """See `Gaps.beside`."""
-        return self.share == 0.0
-
-    @property
-    def _spot_stage(self) -> SpotStage | FrozenSpot:
-        stage = self.stage
-        assert isinstance(stage, SpotStage | FrozenSpot)
-        return stage
+        return self.spot_stage.share == 0.0
 
     def goes_on_as(self, other: SpotGaps) -> bool:
         """Whether another contact of the same patches shares this one, near seams of their faces."""
@@ -389,19 +369,19 @@ class SpotGaps(Gaps):
         """
         if self.carried:
             return -np.inf
-        parts = zip(self._of_faces, self.sides.split(q), self.growing_sides, strict=True)
+        parts = zip(self._of_faces, self.sides.split(q), self.sides.growths(self.growing), strict=True)
         places = [side.seen.place(*part) for side, *part in parts]
-        points = [maker.points[face.nodes] for maker, face in zip(self._makers, self.faces, strict=True)]
+        points = [maker.points[face.nodes] for maker, face in zip(self.makers, self.faces, strict=True)]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
         poses = [Pose(x.mean(axis=0), X.mean(axis=0), turn) for x, X, turn in zip(places, points, axes, strict=True)]
         both = zip(poses, points, places, strict=True)
         deformed = sum(float(np.linalg.norm(pose.out(X) - x, axis=1).max()) for pose, X, x in both)
-        whole = self._all_poses(poses, self.carrier_pose)
+        whole = self._all_poses(poses, self.carrier.pose)
         least = self._nearest.meeting(whole).gap - deformed
         if len(places) > 1:
-            least = max(least, hull_distance(*places) - sum(map(self._reach_of, self._makers)))
+            least = max(least, hull_distance(*places) - sum(map(self._reach_of, self.makers)))
         for number, x in enumerate(places if least <= 0.0 else ()):
-            gaps = self._own.shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
+            gaps = self.own.shapes[1 - number].shape.project(whole[1 - number].into(x))[0]
             least = max(least, float(gaps.min()) - self.size - deformed)
         return least
 
@@ -417,19 +397,11 @@ class SpotGaps(Gaps):
         return face.bulge + max(beyond, self._nearest.width if len(face.seam) else 0.0)
 
     @property
-    def mismatch(self) -> float:
-        """Dundurs' constant beta of both bodies: how much normal forces move their surfaces along each other."""
-        materials = [maker.material for maker in self._makers]
-        along = [(1 - 2 * material.nu) / material.shear_modulus for material in materials]
-        normal = sum((1 - material.nu) / material.shear_modulus for material in materials)
-        return (along[0] - sum(along[1:])) / (2 * normal)
-
-    @property
     def long_axis(self) -> Array:
-        """Unit vector along the major semi-axis of `contact_then`, here, in space, (3,); meaningless in a circle."""
-        normal = self.meeting.normal
-        bent = self._own.bending(self._axes(self.q, self.evaluated_pose), normal)
-        size = 2 * max(self.contact_then.curvatures)
+        """Unit vector along the major semi-axis of `SpotRows.contact`, in space, (3,); of no meaning in a circle."""
+        normal = self.spot_stage.meeting.normal
+        bent = self.own.bending(self._axes(self.present.q, self.stage.pose), normal)
+        size = 2 * max(self.spot_rows.contact.curvatures)
         return np.asarray(np.linalg.eigh(bent + size * np.outer(normal, normal))[1][:, 0])
 
     def _axes(self, q: Array, carried: Array) -> list[Array]:
@@ -444,16 +416,12 @@ class SpotGaps(Gaps):
         (2, 3), in space.
         """
         factor, fixed = np.zeros((2, 2)), np.zeros((2, 2))
-        for side, q, spot in zip(self.sides, self.coordinates, self.spot_rows.spots, strict=True):
+        for side, q, spot in zip(self.sides, self.present.coordinates, self.spot_rows.spots, strict=True):
             turned = tangents @ side.kinematics.frame(q)[1]
             curved = turned @ spot.curved @ turned.T
             factor += curved
             fixed += (math.log(spot.radius) - _STUCK) * curved
         return factor, fixed
-
-    def body_points(self, place: int) -> Array:
-        """Nodes of one side's patch in the body's axes, from its centre of mass, undeformed, (np, 3) [m]."""
-        return self._makers[place].points
 
     @property
     def spot_rows(self) -> SpotRows:
@@ -473,11 +441,11 @@ class SpotGaps(Gaps):
         if isinstance(self.stage, Frozen):
             self._go_to_stage(self.stage, q)
             return self.stage.gap(q)
-        pose, rows = self.carrier_pose, self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
-        if not self._reaches(rows, stage.meeting):
+        pose, rows = self.carrier.pose, self.spot_rows
+        stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
+        if not rows.reaches(stage.meeting):
             rows = self._rows_at(Anchor(q.copy(), pose, self.growing))
-            stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q, pose)
+            stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q, pose)
         self._go_to_stage(stage, q)
         return gap
 
@@ -486,67 +454,18 @@ class SpotGaps(Gaps):
         if isinstance(self.stage, Frozen):
             return self.at(q)
         rows = self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
+        stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)
         self._go_to_stage(stage, q)
         return gap
 
     def surface_gap(self, q: Array, dents: Sequence[Array] | None = None) -> float:
         """See `Gaps.surface_gap`; it is the gap of the true surfaces."""
         rows = self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, q), q)
-        if not self._reaches(rows, stage.meeting):
-            rows = self._rows_at(Anchor(q.copy(), self.carrier_pose, self.growing))
-            gap = self._stage_at(rows, self.places_of(rows.sides, q), q)[1]
+        stage, gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)
+        if not rows.reaches(stage.meeting):
+            rows = self._rows_at(Anchor(q.copy(), self.carrier.pose, self.growing))
+            gap = self._stage_at(rows, rows.sides.places(q, self.growing), q)[1]
         return float(gap[0])
-
-    def return_to(self, present: Present) -> None:
-        """See `Gaps`."""
-        if present.stage.rows != self._loaded_rows:
-            self._loaded, self._loaded_rows = {}, present.stage.rows
-        super().return_to(present)
-
-    # Forces.
-
-    def pushed(self, force: float) -> list[tuple[Array, Array]]:
-        """Nodes of each side, and forces on them, (k, 3) [N], besides those of the row under a normal force [N].
-
-        See `spot_stage`. They act on the nodes of the kernels as on rigid bodies. In an inertial frame the surface of a
-        body does not turn, so that no couple works on it.
-        """
-        stage = self.stage
-        if not isinstance(stage, SpotStage) or not force:
-            return []
-        push, places = stage.push(force), self.places_now()
-        result = []
-        for number, ((nodes, weights), side) in enumerate(zip(stage.shares, self.sides, strict=True)):
-            forces = np.outer(weights[0], push.force)
-            if not side.kinematics.linear:
-                sign = (1.0, -1.0)[number]
-                x, point = places[number][nodes[0]], stage.poses[number].out(stage.meeting.points[number])
-                lever = point - sign * weights[0] @ x
-                forces += _turning(x, sign * (push.couple + skew(lever) @ push.force))
-            result.append((nodes[0], forces))
-        return result
-
-    def nodal_forces(self, lam: Array) -> list[Array]:
-        """See `Gaps.nodal_forces`."""
-        on_nodes = super().nodal_forces(lam)
-        for forces, (nodes, more) in zip(on_nodes, self.pushed(float(lam[0])), strict=False):
-            forces[nodes] += more
-        return on_nodes
-
-    def push_moment(self, force: float, point: Array) -> Array:
-        """Moment on the slave about a point in space, (3,) [N m], by what `pushed` has under a normal force [N]."""
-        stage = self.stage
-        if not isinstance(stage, SpotStage) or not force:
-            return np.zeros(3)
-        along, couple = stage.push(force)
-        arm = stage.poses[0].out(stage.meeting.points[0]) + self.centre - point
-        return np.asarray(couple + skew(arm) @ along)
-
-    def moment(self, lam: Array, point: Array) -> Array:
-        """See `Gaps.moment`."""
-        return super().moment(lam, point) + self.push_moment(float(lam[0]), point)
 
     # State.
 
@@ -564,52 +483,25 @@ class SpotGaps(Gaps):
         if state.chosen is not None and not self.spot_rows.made_at.equals(state.chosen):
             rows = self._rows_at(state.chosen)
             q = self.present.q
-            stage = self._stage_at(rows, self.places_of(rows.sides, q), q)[0]
+            stage = self._stage_at(rows, rows.sides.places(q, self.growing), q)[0]
             self._put_stage(stage)
 
-    def _gaps_in(self, state: GapState) -> Array:
+    def _at_state(self, state: GapState) -> Array:
         """See `Gaps`; the carrier may not be there yet."""
         if not len(state.pose):
             return self.at(state.q)
         rows = self.spot_rows
-        stage, gap = self._stage_at(rows, self.places_of(rows.sides, state.q), state.q, state.pose)
+        stage, gap = self._stage_at(rows, rows.sides.places(state.q, self.growing), state.q, state.pose)
         self._go_to_stage(stage, state.q)
         return gap
 
     def stance(self) -> Array:
         """See `Gaps.stance`: the point of contact on each side."""
-        return np.concatenate(self.meeting.points) / self.size
+        return np.concatenate(self.spot_stage.meeting.points) / self.size
 
-    def anchored(self, by: float) -> Anchor:
-        """See `Gaps.anchored`; the flexibility is that under the kernels as they were made, whatever tilts them."""
-        if not self.moving:
-            return super().anchored(by)
-        made_at = self.spot_rows.made_at
-        if self.anchor != made_at:
-            self.anchor = self.present.anchor = made_at
-        return made_at
-
-    def _stage_anchored(self, anchor: Anchor, rows: PresentRows) -> Stage:
+    def stage_at(self, anchor: Anchor, rows: PresentRows) -> Stage:
         """See `Gaps`."""
         assert isinstance(rows, SpotRows)
-        stage = self._stage_at(rows, self.places_at(rows.sides, anchor), anchor.q, anchor.pose)[0]
+        stage = self._stage_at(rows, rows.sides.places(anchor.q, anchor.growing), anchor.q, anchor.pose)[0]
         stage.of_anchor = True
         return stage
-
-    # The body that carries a rigid surface.
-
-    def carrier_rows(self, index: Array) -> Array:
-        """See `Gaps.carrier_rows`."""
-        if self._pose is None:
-            raise InputError("carrier_rows: nothing carries the surface")
-        nodes, weights = self.shares[0]
-        arm = weights[0] @ self.places_now()[0][nodes[0]] + self.centre - self._pose()[0]
-        normal = self.normals[0]
-        return -np.concatenate([normal, np.cross(arm, normal)])[None][index]
-
-
-def _turning(places: Array, couple: Array) -> Array:
-    """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
-    arms = places - places.mean(axis=0)
-    inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
-    return np.asarray(arms @ skew(np.linalg.solve(inertia, couple)).T)

@@ -100,6 +100,7 @@ class SpotStage(Stage):
         Slope of the normal displacements of each side that is a body, out of its surface, in its axes.
     """
 
+    places: list[Array]
     meeting: Meeting
     share: float
     shared_by: tuple[Shared, ...]
@@ -189,6 +190,44 @@ class SpotStage(Stage):
         """See `Stage`."""
         return super().resultant(lam) + self.push(float(lam[0])).force
 
+    def pushed(self, force: float) -> list[tuple[Array, Array]]:
+        """Nodes of each side, and forces on them, (k, 3) [N], by `push` under a normal force on the row [N].
+
+        They act on the nodes of the kernels as on rigid bodies. In an inertial frame the surface of a body does not
+        turn, so that no couple works on it.
+        """
+        if not force:
+            return []
+        push, result = self.push(force), []
+        for number, ((nodes, weights), side) in enumerate(zip(self.shares, self.rows.sides, strict=True)):
+            forces = np.outer(weights[0], push.force)
+            if not side.kinematics.linear:
+                sign = (1.0, -1.0)[number]
+                x, point = self.places[number][nodes[0]], self.poses[number].out(self.meeting.points[number])
+                lever = point - sign * weights[0] @ x
+                forces += _turning(x, sign * (push.couple + skew(lever) @ push.force))
+            result.append((nodes[0], forces))
+        return result
+
+    def nodal_forces(self, lam: Array) -> list[Array]:
+        """See `Stage`."""
+        on_nodes = super().nodal_forces(lam)
+        for forces, (nodes, more) in zip(on_nodes, self.pushed(float(lam[0])), strict=False):
+            forces[nodes] += more
+        return on_nodes
+
+    def push_moment(self, force: float, about: Array) -> Array:
+        """Moment on the slave about a point, (3,) [N m], by `push` under a normal force [N]; see `Stage.moment_of`."""
+        if not force:
+            return np.zeros(3)
+        along, couple = self.push(force)
+        arm = self.poses[0].out(self.meeting.points[0]) - about
+        return np.asarray(couple + skew(arm) @ along)
+
+    def moment(self, lam: Array, about: Array, places: Array) -> Array:
+        """See `Stage`."""
+        return super().moment(lam, about, places) + self.push_moment(float(lam[0]), about)
+
 
 class FrozenSpot(Frozen):
     """The same, while the point of contact stays where it is on both sides.
@@ -202,3 +241,18 @@ class FrozenSpot(Frozen):
     meeting: Meeting
     share: float
     contact: PointContact
+
+    def pushed(self, force: float) -> list[tuple[Array, Array]]:
+        """See `SpotStage`: nothing."""
+        return []
+
+    def push_moment(self, force: float, about: Array) -> Array:
+        """See `SpotStage`: nothing."""
+        return np.zeros(3)
+
+
+def _turning(places: Array, couple: Array) -> Array:
+    """Forces on nodes at places, (k, 3) [m], that turn them as a rigid body by a couple, (3,) [N m]: (k, 3) [N]."""
+    arms = places - places.mean(axis=0)
+    inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
+    return np.asarray(arms @ skew(np.linalg.solve(inertia, couple)).T)

@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from ..algebra.products import largest_change, moved, weighted_rows
+from ..algebra.products import joined, largest_change, moved, weighted_rows
+from ..frames.kinematics import Rows
+from ..frames.rotations import total_moment
 from ..support.arrays import Array
 from ..support.attributes import FoundOnce, copied
+from ..surfaces.loops import at_points, on_nodes
 from ..surfaces.points import ContactPoints
 from ..surfaces.projection import Projection
+from ..surfaces.rows import directed_matrix
 from . import loops
 from .linear_gaps import LinearGaps
-from .side import Side
 from .sides import Sides
 
 if TYPE_CHECKING:
@@ -31,6 +34,7 @@ T = TypeVar("T")
 Shares = Sequence[tuple[Array, Array]]  # for each side: nodes of the points, and their signed weights in the gap
 NOTHING = np.empty(0)
 Shared = dict[Hashable, Any] | None
+FEW = 64  # rows whose derivatives one call finds, row by row; those of more come from sparse matrices
 OF_SIDE = "of one side"  # in the names of values that do not depend on what share of flexibilities yields
 
 
@@ -46,6 +50,8 @@ class Pair(Protocol):
         Nodes that give the pose of each side.
     within : float
         Gap up to which rows are present at least, because forces may push them shut [m].
+    growing : (6 k,) array
+        See `Gaps`.
     """
 
     sides: Sides
@@ -54,16 +60,7 @@ class Pair(Protocol):
     within: float
     furthest: float
     witnesses: list[Array]
-
-    @property
-    def growing_sides(self) -> list[Array]:
-        """See `Gaps.growing_sides`."""
-
-    def places(self, q: Array) -> list[Array]:
-        """See `Gaps.places`."""
-
-    def places_of(self, sides: Sequence[Side], q: Array) -> list[Array]:
-        """See `Gaps.places_of`."""
+    growing: Array
 
     def sides_with(self, points: ContactPoints, facets: Array) -> Sides:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""
@@ -90,7 +87,7 @@ class Anchor:
     q : (n,) array
         Coordinates of all sides.
     pose : (12,) array
-        `Gaps.carrier_pose`; empty if no body carries a rigid surface.
+        `Carrier.pose`; empty if no body carries a rigid surface.
     growing : (6 k,) array
         `Gaps.growing` of the k sides; empty if none grows.
     """
@@ -121,7 +118,14 @@ class PresentRows:
         The sides, perhaps only with the nodes that these rows need.
     unpaired : int
         Number of the slave's points that faced nothing when the rows were found.
+
+    Attributes
+    ----------
+    made_at : Anchor or None
+        Where rows were made that have the flexibility of that place alone; None for others.
     """
+
+    made_at: Anchor | None = None
 
     def __init__(self, points: ContactPoints, leaves_at: Array, sides: Sides, unpaired: int = 0) -> None:
         self.points, self.row_nodes, self.area = points, points.row_nodes, points.area
@@ -220,14 +224,17 @@ class Stage:
     here : (3, 3) array
         Place of the slave relative to the master [m], see `witnesses.seen_from`; zero if nothing depends on it.
     pose : (12,) array
-        `Gaps.carrier_pose` when the gaps were found; empty if no body carries the surface.
+        `Carrier.pose` when the gaps were found; empty if no body carries the surface.
     places : list of arrays or None
         Places of the followed nodes, (np, 3) for each side [m], if they were found together with the gaps.
     of_anchor : bool
         Whether the stage is that of an anchor, at which only flexibilities are found.
+    linear : LinearGaps or None
+        Gaps of the rows as linear functions while they are frozen; None if they move.
     """
 
     moving = True
+    linear: LinearGaps | None = None
     of_anchor = False
     here = np.zeros((3, 3))
     pose = NOTHING
@@ -285,17 +292,67 @@ class Stage:
         value: T = self.shared[what]
         return value
 
-    def nodal_forces(self, lam: Array) -> list[Array] | None:
-        """See `Gaps.nodal_forces`; None if there is no faster way."""
-        return None
+    # Forces, and rows on the coordinates. The pairs are fixed.
 
-    def acted(self, lam: Array, q: Array) -> tuple[Array, Array] | None:
-        """See `Gaps.acted`, at coordinates q, (n,); None if there is no faster way than through the nodes."""
-        return None
+    def pushes(self, lam: Array) -> Array:
+        """Forces on the slave at the points, (p, 3) [N], from forces on the rows along their normals, (nr,) [N]."""
+        return loops.pushes(self.rows.points, lam, self.normals)
 
-    def some_rows(self, index: Array, q: Array) -> Array | None:
-        """See `Gaps.jacobian`, at coordinates q, (n,); None if there is no faster way than by sparse matrices."""
-        return None
+    def on_nodes(self, forces: Array) -> list[Array]:
+        """Forces on the nodes of the patches, (np, 3) for each side [N].
+
+        Parameters
+        ----------
+        forces : (p, 3) array
+            Forces on the slave at the points, in axes of space [N].
+        """
+        sides = zip(self.shares, self.rows.sides, strict=True)
+        return [on_nodes(*shares, forces, len(side.surface.points)) for shares, side in sides]
+
+    def nodal_forces(self, lam: Array) -> list[Array]:
+        """Forces on the nodes of the patches, (np, 3) for each side [N], from forces on the rows, (nr,) [N]."""
+        return self.on_nodes(self.pushes(lam))
+
+    def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
+        """Generalised forces, (n,), and force on the slave, (3,) [N], from forces on the rows, (nr,) [N].
+
+        The coordinates of both sides are q, (n,).
+        """
+        sides = self.rows.sides
+        parts = zip(sides, sides.split(q), self.nodal_forces(lam), strict=True)
+        return np.concatenate([side.generalised(part, forces) for side, part, forces in parts]), self.resultant(lam)
+
+    def moment(self, lam: Array, about: Array, places: Array) -> Array:
+        """Moment on the slave, (3,) [N m], from forces on the rows, (nr,) [N], see `moment_of`."""
+        return self.moment_of(self.pushes(lam), about, places)
+
+    def moment_of(self, forces: Array, about: Array, places: Array) -> Array:
+        """Moment on the slave about a point, (3,) [N m].
+
+        Parameters
+        ----------
+        forces : (p, 3) array
+            Forces on the slave at the points [N].
+        about : (3,) array
+        places : (np, 3) array
+            The point, and places of the slave's nodes; both count from the centre of the sides [m].
+        """
+        return total_moment(at_points(*self.shares[0], places) - about, forces)
+
+    def jacobian(self, index: Array, q: Array) -> Rows:
+        """Derivative of the gaps of some rows with respect to the coordinates, (na, n), at q, (n,)."""
+        return self.on_coordinates(q, index)
+
+    def on_coordinates(self, q: Array, index: Array | None = None) -> Rows:
+        """Derivative of the gaps of some rows, by default of all, see `jacobian`; by sparse matrices."""
+        mean, sides, parts = self.rows.points.mean, self.rows.sides, []
+        mean = mean if index is None else mean[index]
+        for (nodes, weights), side, side_q in zip(self.shares, sides, sides.split(q), strict=True):
+            G = directed_matrix(nodes, weights, self.normals, len(side.surface.points))
+            parts.append(side.on_coordinates(side_q, mean @ G))
+        return joined(parts)
+
+    # Motion.
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """Return the stage at coordinates q, (n,), and the gaps of its rows, (nr,) [m]."""
@@ -321,6 +378,7 @@ class Frozen(Stage):
     """
 
     moving = False
+    linear: LinearGaps
 
     def __init__(
         self, rows: PresentRows, normals: Array, shares: Shares, linear: LinearGaps, shared: Shared = None
@@ -328,12 +386,16 @@ class Frozen(Stage):
         super().__init__(rows, normals, shares, shared)
         self.linear = linear
 
+    def jacobian(self, index: Array, q: Array) -> Rows:
+        """See `Stage.jacobian`."""
+        return self.linear.H[index]
+
     def gap(self, q: Array) -> Array:
         """Gaps, (nr,) [m], at coordinates q, (n,)."""
         return moved(self.linear.start, self.linear.H, q)
 
     def acted(self, lam: Array, q: Array) -> tuple[Array, Array]:
-        """See `Gaps.acted`."""
+        """See `Stage.acted`."""
         return weighted_rows(lam, self.linear.H), self.resultant(lam)
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
@@ -342,3 +404,39 @@ class Frozen(Stage):
         if largest_change(linear.drift @ q, linear.drift_start) <= linear.reach:
             return self, self.gap(q)
         return pair.search(q)
+
+
+@dataclass(slots=True, eq=False)
+class Present:
+    """Where the rows of a contact are.
+
+    Parameters
+    ----------
+    stage : Stage
+    q : (n,) array
+        Coordinates of all sides.
+    known : list of (np, 3) arrays or None
+        `places`; None until somebody asks.
+    anchor : Anchor or None
+        Where the flexibility was found that the rows have here; None until somebody asks.
+    growing : (6 k,) array
+        `Gaps.growing` of the k sides here; empty if none grows.
+    """
+
+    stage: Stage
+    q: Array
+    known: list[Array] | None
+    anchor: Anchor | None
+    growing: Array
+
+    @property
+    def places(self) -> list[Array]:
+        """Places of the nodes that the rows need, (np, 3) for each side [m], from the centre; others are NaN."""
+        if self.known is None:
+            self.known = self.stage.rows.sides.places(self.q, self.growing)
+        return self.known
+
+    @property
+    def coordinates(self) -> list[Array]:
+        """Coordinates of each side, (n_dofs,)."""
+        return self.stage.rows.sides.split(self.q)

@@ -55,7 +55,7 @@ class TangentialRows:
                     "of its normal alone; make it by Partition.ball(..., axes='xyz')"
                 )
         self.gaps = gaps
-        self._first = int(abs(gaps.approach).argmin())
+        self._first = int(abs(gaps.placement.approach).argmin())
         self._axis = self._first  # of the last present rows: those at an anchor follow it
         self._places: list[Array] | None = None
         self._places_of: object = None
@@ -80,7 +80,8 @@ class TangentialRows:
 
     def moment(self, forces: Array, point: Array) -> Array:
         """Moment on the slave about a point in space, (3,) [N m], from forces along the rows, (nr, 3) [N]."""
-        return self.gaps.moment_of(self.at_points(forces), point)
+        gaps = self.gaps
+        return gaps.stage.moment_of(self.at_points(forces), point - gaps.centre, gaps.present.places[0])
 
     def forget_places(self) -> None:
         """Forget the places that `record_places` recorded: nothing has slid."""
@@ -92,9 +93,9 @@ class TangentialRows:
         `here` is the state of the gaps at these places, if somebody has it.
         """
         gaps = self.gaps
-        self._from = here or Anchor(gaps.q, gaps.evaluated_pose, gaps.present.growing)
-        self._places = gaps.places_now() if soon and gaps.moving else None
-        self._places_of = gaps.near_sides
+        self._from = here or Anchor(gaps.present.q, gaps.stage.pose, gaps.present.growing)
+        self._places = gaps.present.places if soon and gaps.moving else None
+        self._places_of = gaps.stage.rows.sides
 
     def record_places_at(self, q: Array, pose: Array) -> None:
         """Count sliding from the places at coordinates q, (n,), with the rigid surface's carrier at a pose, (12,)."""
@@ -109,7 +110,7 @@ class TangentialRows:
     def axes(self) -> Array:
         """Axes of the body that the tangents follow, as columns, (3, 3): the master, or else the slave."""
         gaps = self.gaps
-        return gaps.stage.once("axes", lambda: gaps.sides[-1].kinematics.frame(gaps.coordinates[-1])[1])
+        return gaps.stage.once("axes", lambda: gaps.sides[-1].kinematics.frame(gaps.present.coordinates[-1])[1])
 
     @property
     def tangents(self) -> Array:
@@ -123,18 +124,18 @@ class TangentialRows:
 
     def _followed(self) -> tuple[int, Array]:
         """Axis from which tangents are made, and the tangents, (nr, 2, 3), to the present normals."""
-        gaps, axis = self.gaps, self._axis
-        if gaps.stage.of_anchor:
-            along = gaps.stage.once(("tangents", axis), lambda: loops.tangents_of(gaps.normal, self.axes[:, axis])[0])
+        stage, axis = self.gaps.stage, self._axis
+        if stage.of_anchor:
+            along = stage.once(("tangents", axis), lambda: loops.tangents_of(stage.normal, self.axes[:, axis])[0])
             return axis, along
-        self._axis, along = gaps.stage.once("tangents", self._suitable)
+        self._axis, along = stage.once("tangents", self._suitable)
         return self._axis, along
 
     def _suitable(self) -> tuple[int, Array]:
         """The first axis that no normal is nearly along, and tangents; whatever axis rows had before."""
         best, least = (self._first, NOTHING), np.inf
         for axis in (self._first, (self._first + 1) % 3, (self._first + 2) % 3):
-            tangents, cosines = loops.tangents_of(self.gaps.normal, self.axes[:, axis])
+            tangents, cosines = loops.tangents_of(self.gaps.stage.normal, self.axes[:, axis])
             steepest = float(cosines.max(initial=0.0))
             if steepest < least:
                 best, least = (axis, tangents), steepest
@@ -156,10 +157,10 @@ class TangentialRows:
         if self._from is None:
             return np.zeros((len(gaps.row_nodes), 2))
         if not gaps.moving:
-            return np.asarray(self._all_rows() @ (gaps.q - self._from.q)).reshape(-1, 3)[:, 1:]
-        if self._places is None or self._places_of is not gaps.near_sides:  # other sides follow other nodes
-            self._places, self._places_of = gaps.places_at(gaps.sides, self._from), gaps.near_sides
-        now = gaps.places_now()
+            return np.asarray(self._all_rows() @ (gaps.present.q - self._from.q)).reshape(-1, 3)[:, 1:]
+        if self._places is None or self._places_of is not gaps.stage.rows.sides:  # other sides follow other nodes
+            self._places, self._places_of = gaps.sides.places(self._from.q, self._from.growing), gaps.stage.rows.sides
+        now = gaps.present.places
         if not gaps.carried and gaps.sides[-1].kinematics.linear:
             moved = [x - before for x, before in zip(now, self._places, strict=True)]
             return self.along(self._offsets(moved))
@@ -172,9 +173,9 @@ class TangentialRows:
     def _offsets(self, places: list[Array]) -> Array:
         """Mean place of each row's points, relative to the master if that is a patch, (nr, 3) [m]."""
         gaps = self.gaps
-        parts = zip(gaps.shares, places, strict=True)
+        parts = zip(gaps.stage.shares, places, strict=True)
         apart = [at_points(nodes, weights, x) for (nodes, weights), x in parts]
-        return gaps.points.average(apart[0] if len(apart) == 1 else apart[0] + apart[1])
+        return gaps.stage.rows.points.average(apart[0] if len(apart) == 1 else apart[0] + apart[1])
 
     def _carried(self, offsets: Array, then: Anchor | GapState) -> Array:
         """Offsets, (nr, 3), from where the sides were, carried to the present place by the master's motion."""
@@ -185,7 +186,7 @@ class TangentialRows:
         if not gaps.carried:
             return offsets
         (place, axes), (place_now, axes_now) = (
-            (pose[:3], pose[3:].reshape(3, 3)) for pose in (then.pose, gaps.evaluated_pose)
+            (pose[:3], pose[3:].reshape(3, 3)) for pose in (then.pose, gaps.stage.pose)
         )
         value: Array = place_now + (offsets - place) @ axes @ axes_now.T
         return value
@@ -203,7 +204,7 @@ class TangentialRows:
     def _rows_on_coordinates(self, index: Array | None = None) -> Rows:
         gaps, parts = self.gaps, []
         index = np.arange(len(gaps.row_nodes)) if index is None else index
-        for place, (side, q) in enumerate(zip(gaps.near_sides, gaps.coordinates, strict=True)):
+        for place, (side, q) in enumerate(zip(gaps.stage.rows.sides, gaps.present.coordinates, strict=True)):
             used, weights = self._node_weights(place, index)
             G = _directed(used, weights, self.tangents[index], len(side.surface.points))
             parts.append(side.on_coordinates(q, G))
@@ -211,8 +212,8 @@ class TangentialRows:
 
     def _node_weights(self, place: int, index: Array) -> tuple[Array, Array]:
         """Nodes of one side's patch in some rows, (k,), and their signed weights in each row, (na, k)."""
-        row, point, share = self.gaps.points.triplets
-        nodes, weights = self.gaps.shares[place]
+        stage = self.gaps.stage
+        (row, point, share), (nodes, weights) = stage.rows.points.triplets, stage.shares[place]
         n_rows, (used, column) = len(self.gaps.row_nodes), self._used(place)
         cells = column[nodes[point]] + len(used) * row[:, None]
         sums = np.bincount(cells.ravel(), (share[:, None] * weights[point]).ravel(), minlength=n_rows * len(used))
@@ -220,7 +221,7 @@ class TangentialRows:
 
     def _used(self, place: int) -> tuple[Array, Array]:
         """Nodes of one side's patch in the present rows, (k,), and each node's number among them, (np,)."""
-        nodes = self.gaps.shares[place][0]
+        nodes = self.gaps.stage.shares[place][0]
         present = np.bincount(nodes.ravel(), minlength=len(self.gaps.sides[place].surface.points)) > 0
         return np.flatnonzero(present), np.cumsum(present) - 1
 
@@ -245,15 +246,16 @@ class TangentialRows:
 
         Where flexibility is found on demand, they are the nodes of these rows alone; else of all present rows.
         """
-        side, q, points = self.gaps.sides[place], self.gaps.coordinates[place], self.gaps.points
+        gaps, stage, side = self.gaps, self.gaps.stage, self.gaps.sides[place]
+        q, points = gaps.present.coordinates[place], stage.rows.points
         in_body = side.kinematics.in_frame(q, self.tangents[index].reshape(-1, 3)).reshape(len(index), 2, 3)
-        (nodes, weights), normals = self.gaps.shares[place], self.gaps.normals
+        (nodes, weights), normals = stage.shares[place], stage.normals
         if side.on_demand:
             points, numbers = points.of_rows(index)
             nodes, weights, normals = nodes[numbers], weights[numbers], normals[numbers]
             loaded, index = LoadedNodes.of(side, nodes), np.arange(len(index))
         else:
-            loaded = self.gaps.loaded_nodes(place)
+            loaded = gaps.anchoring.loaded_nodes(place)
         normals, carried = side.kinematics.in_frame(q, normals), (loaded.column[nodes], weights)
         return loaded, loops.directed_rows(points, index, *carried, normals, in_body, len(loaded.nodes))
 
@@ -265,12 +267,12 @@ class TangentialRows:
         index = np.arange(len(self.gaps.row_nodes)) if index is None else index
         gaps, axis = self.gaps, self.axis
         find = self._part_of_whole if self._keeps_whole else self._flexibility
-        return gaps.at_anchor(("directed", axis), gaps.anchored(SAME), lambda: find(index), index)
+        return gaps.anchoring.kept(("directed", axis), SAME, lambda: find(index), index)
 
     @property
     def _keeps_whole(self) -> bool:
         """Whether the flexibility of all rows is kept: while pairs are frozen, unless there are many."""
-        return not self.gaps.moving and len(self.gaps.row_nodes) <= _MANY and not self.gaps.on_demand
+        return not self.gaps.moving and len(self.gaps.row_nodes) <= _MANY and not self.gaps.sides.on_demand
 
     @property
     def _whole(self) -> Array:
@@ -286,7 +288,7 @@ class TangentialRows:
         """See `law.RowDirections`."""
         if self._keeps_whole:
             return self._whole[::3].take(directions(index), axis=1)
-        return self.gaps.found_at(self.gaps.anchored(SAME), lambda: self._pushing(index))
+        return self.gaps.anchoring.found_at(self.gaps.anchoring.anchor(SAME), lambda: self._pushing(index))
 
     def _pushing(self, index: Array) -> Array:
         """See `pushing`; found from the sides' flexibilities, and that between them."""
@@ -317,7 +319,7 @@ class TangentialRows:
     def standing(self) -> Standing:
         """Where the rows stand; tangents that follow another axis count as other rows."""
         gaps = self.gaps
-        return Standing(gaps.stage.rows, gaps.anchored(SAME), self.axis)
+        return Standing(gaps.stage.rows, gaps.anchoring.anchor(SAME), self.axis)
 
     def _part(self, place: int, index: Array) -> Array:
         """Contribution of one side to the flexibility of some rows, (3 na, 3 na) [m/N]."""
@@ -333,7 +335,7 @@ class TangentialRows:
             loaded, rows = self._some_side_rows(place, everything)
             return congruence(rows, loaded.F, threes=True)
 
-        return gaps.at_anchor((OF_SIDE, place, self.axis), gaps.anchored(SAME), make)
+        return gaps.anchoring.kept((OF_SIDE, place, self.axis), SAME, make)
 
     def across(self, index: Array | None = None) -> Array:
         """See `NormalRows.across`; of some rows, by default of all, in three directions, (3 na, 3 na) [m/N]."""
@@ -346,22 +348,21 @@ class TangentialRows:
     def carrier_rows(self, index: Array) -> Array:
         """Derivative of the rates of some rows with respect to the velocities of the surface's carrier, (3 na, 6)."""
         gaps = self.gaps
-        if len(gaps.carrier_pose) == 0:
-            raise InputError("carrier_rows: nothing carries the surface")
-        arms = self._offsets(gaps.places_now())[index] - gaps.carrier_pose[:3]
+        of_normals = gaps.carrier.rows(gaps.stage, gaps.present.places[0])[index]
+        arms = self._offsets(gaps.present.places)[index] - gaps.carrier.pose[:3]
         along = self.tangents[index]
         turning = np.cross(arms[:, None, :], along)
         of_tangents = -np.concatenate([along, turning], axis=2).swapaxes(0, 1).reshape(-1, 6)
-        return np.asarray(_interleaved(gaps.carrier_rows(index), of_tangents))
+        return np.asarray(_interleaved(of_normals, of_tangents))
 
     def at_points(self, lam: Array) -> Array:
         """Forces on the slave at the present points, (p, 3) [N], from forces along the directions of rows, (nr, 3)."""
-        return loops.at_points(self.gaps.points, lam, self.tangents, self.gaps.normals)
+        return loops.at_points(self.gaps.stage.rows.points, lam, self.tangents, self.gaps.stage.normals)
 
     def nodal_forces(self, lam: Array) -> list[Array]:
         """Forces on the nodes of the patches, (np, 3) for each side [N], from forces along the rows, (nr, 3) [N]."""
         forces = self.at_points(lam)
-        on_nodes = self.gaps.on_nodes(forces)
+        on_nodes = self.gaps.stage.on_nodes(forces)
         if len(on_nodes) == 2 and not self.gaps.sides[1].kinematics.linear:
             active = np.flatnonzero(forces.any(axis=1))
             on_nodes[1] += self._couple_on_master(active, forces[active])
@@ -373,11 +374,11 @@ class TangentialRows:
         The gap separates a tangential force on the slave from its opposite on the master. Alone, both would turn the
         pair. The couple acts on the patch as on a rigid body.
         """
-        (nodes, weights), (master_nodes, master_weights) = self.gaps.shares
-        x, x_m = self.gaps.places_now()
+        (nodes, weights), (master_nodes, master_weights) = self.gaps.stage.shares
+        x, x_m = self.gaps.present.places
         apart = at_points(nodes[active], weights[active], x)
         apart += at_points(master_nodes[active], master_weights[active], x_m)
-        followed = self.gaps.near_sides[1].active
+        followed = self.gaps.stage.rows.sides[1].active
         turned = np.arange(len(x_m)) if followed is None else followed
         arms = x_m[turned] - x_m[turned].mean(axis=0)
         inertia = np.eye(3) * (arms**2).sum() - arms.T @ arms
@@ -387,14 +388,14 @@ class TangentialRows:
         return couple
 
     def acted(self, lam: Array) -> tuple[Array, Array]:
-        """See `Gaps.acted`; of forces along the directions of the present rows, (nr, 3) [N], second is that of normals.
+        """See `Stage.acted`; of forces along the directions of the rows, (nr, 3) [N], second is that of normals.
 
         Who asks for it has tangential forces in space.
         """
         gaps, along = self.gaps, self.gaps.stage.resultant(lam[:, 0])
         if not gaps.moving:
             return np.asarray(self._all_rows().T @ lam.ravel()), along
-        parts = zip(gaps.near_sides, gaps.coordinates, self.nodal_forces(lam), strict=True)
+        parts = zip(gaps.stage.rows.sides, gaps.present.coordinates, self.nodal_forces(lam), strict=True)
         return np.concatenate([side.generalised(q, on_nodes) for side, q, on_nodes in parts]), along
 
 

@@ -54,6 +54,18 @@ class Touching:
             return None
         return PointContact(_relative_curvatures(self.shapes), self.modulus)
 
+    @property
+    def circular(self) -> bool:
+        """Whether they touch at a circle wherever that is: it has no axes."""
+        return self.round is not None and self.round.circular
+
+    @property
+    def mismatch(self) -> float:
+        """Dundurs' constant beta of both bodies: how much normal forces move their surfaces along each other."""
+        along = [(1 - 2 * material.nu) / material.shear_modulus for material in self.materials]
+        normal = sum((1 - material.nu) / material.shear_modulus for material in self.materials)
+        return (along[0] - sum(along[1:])) / (2 * normal)
+
     def contact(self, axes: Sequence[Array], normal: Array) -> PointContact:
         """Hertz's contact where the master's normal is `normal`, (3,); axes of both sides are columns, (3, 3)."""
         if self.round is not None:

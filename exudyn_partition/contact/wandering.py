@@ -22,12 +22,12 @@ from ..surfaces.surface import Surface, closest_points
 from ..surfaces.witnesses import seen_from, spread
 from . import loops
 from .followed import SEARCHED, Followed
-from .gaps import GapState, Present
+from .gaps import GapState
 from .patch_gaps import PatchGaps
 from .rigid import OnRigid, RigidGaps
 from .side import Side
 from .sides import Sides
-from .stages import NOTHING, Anchor, PresentRows, Stage
+from .stages import NOTHING, Anchor, Present, PresentRows, Stage
 
 WINDOW = 1.0  # of a facet's size: motion after which the parts are found again
 _THREE = np.arange(3)
@@ -99,7 +99,7 @@ class WanderingGaps(PatchGaps):
 
     def _seen(self, q: Array) -> Array:
         """Place of the slave relative to the master at coordinates q, (n,): (3, 3) [m]."""
-        parts = zip(self._three, self.sides.split(q), self.growing_sides, strict=True)
+        parts = zip(self._three, self.sides.split(q), self.sides.growths(self.growing), strict=True)
         places = [three.place(*part) for three, *part in parts]
         return seen_from(places, [_THREE, _THREE])
 
@@ -113,17 +113,16 @@ class WanderingGaps(PatchGaps):
         near, here = self._near_parts(q), self._seen(q)
         self._least, self._apart_by_far = near.least, not len(near.nodes)
         if not self._apart_by_far:
-            self._near_points = near.points(self._all)
+            self._near_points = near.points(self.all_points)
         both = zip(self._start.rows.sides, (near.slave_facets, near.master_facets), self.witnesses, strict=True)
         self.sides = Sides(side.part(facets, witnesses) for side, facets, witnesses in both)
-        self._loaded = {}
         self.follow()
         self._parted_at = here
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
 
     def least_distance(self, q: Array) -> float:
         """See `Gaps.least_distance`; by boxes around the sides, by nodes, or by the slave's points if they are near."""
-        places = self.places_of(self._start.rows.sides, q)
+        places = self._start.rows.sides.places(q, self.growing)
         lower, upper = ([pick(x, axis=0) for x in places] for pick in (np.min, np.max))
         between = np.maximum(np.maximum(lower[0] - upper[1], lower[1] - upper[0]), 0.0)
         apart = float(np.linalg.norm(between))
@@ -132,7 +131,7 @@ class WanderingGaps(PatchGaps):
         near = self._near_parts(q)
         if not len(near.nodes):
             return near.least
-        sides, points = self._start.rows.sides, near.points(self._all)
+        sides, points = self._start.rows.sides, near.points(self.all_points)
         master = places[1][sides[1].surface.facets[near.master_facets]]
         closest = closest_points(points.at(places[0]), master)
         return float(np.hypot(closest.gap, closest.offset).min(initial=near.least if not len(points.nodes) else np.inf))
@@ -140,7 +139,7 @@ class WanderingGaps(PatchGaps):
     def _near_parts(self, q: Array) -> NearParts:
         sides = self._start.rows.sides
         slave, master = (
-            replace(side.surface, points=x) for side, x in zip(sides, self.places_of(sides, q), strict=True)
+            replace(side.surface, points=x) for side, x in zip(sides, sides.places(q, self.growing), strict=True)
         )
         return NearParts.of(slave, master, (LIMIT + WINDOW) * self.size)
 
@@ -149,7 +148,7 @@ class WanderingGaps(PatchGaps):
         if self._apart_by_far:
             return self._pairing.rows, self._least
         slave, master = (replace(side.surface, points=x) for side, x in zip(self.sides, (x_s, x_m), strict=True))
-        return near_rows(self._near_points, slave, master, self.approach)
+        return near_rows(self._near_points, slave, master, self.placement.approach)
 
     def _normals_of(self, points: ContactPoints, slave: Surface) -> Array:
         """See `PatchGaps`."""
@@ -161,7 +160,7 @@ class WanderingGaps(PatchGaps):
         if not len(near.nodes):
             return near.least
         sides, facets = self._start.rows.sides, (near.slave_facets, near.master_facets)
-        points, nodes_at = near.points(self._all), self.dented(sides, q, dents)
+        points, nodes_at = near.points(self.all_points), sides.dented(q, self.growing, dents)
         slave, master = (
             replace(side.surface, points=x, facets=side.surface.facets[some])
             for side, x, some in zip(sides, nodes_at, facets, strict=True)
@@ -224,7 +223,7 @@ class WanderingRigidGaps(RigidGaps):
     def _rows_at_start(self) -> PresentRows:
         """See `RigidGaps`. It also keeps the whole patch, and points that witness its motion."""
         self._whole, self._witnesses = self.slave, spread(self.slave.surface.points)
-        gap = self._projected(self.slave.surface.points - self.centre, self.carrier_pose)[0]
+        gap = self._projected(self.slave.surface.points - self.centre, self.carrier.pose)[0]
         return self._rows_of(np.flatnonzero(gap <= gap.min() + SOON * self.size))
 
     def _direction(self, node: int) -> Array:
@@ -232,7 +231,7 @@ class WanderingRigidGaps(RigidGaps):
         return direction
 
     def _rows_of(self, nodes: Array) -> ChosenRows:
-        rows = self._rows(self._all.of_rows(np.isin(self._all.row_nodes, nodes))[0])
+        rows = self._rows(self.all_points.of_rows(np.isin(self.all_points.row_nodes, nodes))[0])
         return ChosenRows(rows.points, rows.leaves_at, rows.sides)
 
     def return_to(self, present: Present) -> None:
@@ -241,7 +240,7 @@ class WanderingRigidGaps(RigidGaps):
         rows = present.stage.rows
         choice = rows.choice if isinstance(rows, ChosenRows) else None
         if choice != self._choice:
-            self._choice, self._loaded = choice, {}
+            self._choice = choice
             self.sides = Sides((self._whole if choice is None else choice.side,))
 
     def after(self) -> GapState:
@@ -260,7 +259,7 @@ class WanderingRigidGaps(RigidGaps):
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
-        choice, pose, rows = self._choice, self.carrier_pose, self.stage.rows
+        choice, pose, rows = self._choice, self.carrier.pose, self.stage.rows
         if choice is not None:
             stage, gap, is_near = self._placed_as_chosen(rows, Anchor(q, pose, self.growing), choice)
             if is_near:
@@ -294,7 +293,7 @@ class WanderingRigidGaps(RigidGaps):
         by_nodes = float(self._projected(places, NOTHING)[0].min()) - NODE_TO_FACET * self._whole.surface.longest
         if by_nodes > _FAR * self.size:
             return by_nodes
-        return float(self._projected(self._all.at(places), NOTHING)[0].min())
+        return float(self._projected(self.all_points.at(places), NOTHING)[0].min())
 
     def _here(self, places: Array, pose: Array) -> Array:
         """Places of three nodes relative to the surface, (3, 3) [m].
@@ -327,9 +326,9 @@ class WanderingRigidGaps(RigidGaps):
         gap, rate, acceleration = super().closing(q, q_t, q_tt)
         kinematics = self._whole.kinematics
         velocity = kinematics.velocities(q, q_t)
-        if self._pose is not None and self._motion is not None:
-            moving, turning = self._motion()
-            velocity = velocity - moving - np.cross(turning, kinematics.place(q, self.growing) - self._pose()[0])
+        if self.carried:
+            motion, arms = self.carrier.motion, kinematics.place(q, self.growing) - self.carrier.pose[:3]
+            velocity = velocity - motion[:3] - np.cross(motion[3:], arms)
         speed = float(np.linalg.norm(velocity, axis=1).max())
         beyond = np.inf if self._choice is None else self._choice.beyond
         return np.append(gap, beyond), np.append(rate, -speed), np.append(acceleration, 0.0)

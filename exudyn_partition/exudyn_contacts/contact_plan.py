@@ -355,10 +355,10 @@ def _pressed(
     overlap = 0.0 if by_place else validate_positive("interference", interference, "m")
     as_placed = gaps_of(placed, True)
     if by_place:
-        if as_placed.overlap <= PENETRATION_TOLERANCE * as_placed.size:
+        if as_placed.placement.overlap <= PENETRATION_TOLERANCE * as_placed.size:
             raise InputError(
                 f"interference: expected bodies that overlap as they are placed, but their gap is "
-                f"{as_placed.clearance:.3g} m. Give the interference as a length in m"
+                f"{as_placed.placement.clearance:.3g} m. Give the interference as a length in m"
             )
         return as_placed
     slave = fitted(as_placed, overlap)

@@ -109,7 +109,7 @@ class ContactRecord:
     def __init__(self, mechanics: PatchContact) -> None:
         gaps, zones = mechanics.gaps, mechanics.zones
         self.law_name, self.goes_on = type(mechanics.law).__name__, False
-        self.areas, self.pressures = gaps.node_areas, gaps.node_pressures
+        self.areas, self.pressures = gaps.all_points.node_areas, gaps.all_points.pressures
         self.tangential: dict[float, tuple[Array, Array]] = {}
         self.on_nodes: dict[float, list[Array]] = {}
         self.viscous_works: dict[float, float] = {}

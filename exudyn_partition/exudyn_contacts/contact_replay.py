@@ -39,7 +39,7 @@ def _kept(contact: ModelContact, result: RunSamples) -> list[Array] | None:
     mechanics = contact.mechanics
     if mechanics.gaps.carried:
         return _kept_of_carried(contact, result)
-    pressed = mechanics.gaps.overlap and result.method == "static"  # then forces depend on the load step
+    pressed = mechanics.gaps.placement.overlap and result.method == "static"  # then forces depend on the load step
     remembers = mechanics.friction is not None or mechanics.zones is not None or mechanics.damped
     if remembers or pressed:
         return _kept_on_nodes(contact, result)

@@ -166,7 +166,7 @@ class ModelRun:
     @property
     def pair_searches(self) -> int:
         """Searches of the pairs of all points so far."""
-        return sum(run.mechanics.searches for run in self._members.runs)
+        return sum(run.mechanics.gaps.searches for run in self._members.runs)
 
     def contact_run(self, contact: ModelContact) -> ContactRun:
         """State of a contact.
@@ -208,7 +208,8 @@ class ModelRun:
                 if last is None or not np.array_equal(run.coordinates_in(end.q), run.coordinates_in(initial)):
                     continue
                 counts = end.ended_in(initial) and (goes_on or (end.has_steps and end.ended_when(t)))
-                closed = bool(mechanics.gaps.overlap) and end.has_steps and end.ended_in(initial)  # by load steps
+                overlaps = bool(mechanics.gaps.placement.overlap)
+                closed = overlaps and end.has_steps and end.ended_in(initial)  # by load steps
                 if counts or mechanics.remembers or closed:
                     opening, moves = mechanics.opening, end.method != "static"
                     state = last.for_other_run(counts=counts, moves=moves, sticks=not mechanics.ahead)

@@ -180,7 +180,7 @@ class PartitionContact(Item[Any]):
     def n_rows(self) -> int:
         """Number of rows that the contact starts with."""
         gaps = self.mechanics.gaps
-        return len(gaps.row_nodes) if not gaps.moving else gaps.n_all
+        return len(gaps.row_nodes) if not gaps.moving else len(gaps.all_points.row_nodes)
 
     @property
     def slave_facet_size(self) -> float:
@@ -265,7 +265,7 @@ class PartitionContact(Item[Any]):
     def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
         """Return a function of the sample: gap of the surface's lowest point [m]; None if it is not known."""
         gaps = self.mechanics.gaps.fresh()
-        if gaps.carried or (gaps.pressed and result.method == "static"):  # load steps move the surfaces apart
+        if gaps.carried or (gaps.placement.pressed and result.method == "static"):  # load steps move the surfaces apart
             return None
         try:
             dents = dent_motion(self, result)
@@ -305,7 +305,7 @@ class PartitionContact(Item[Any]):
             pressure = self.row_forces(result)
             pressure.data = 1.5 / (np.pi * math.prod(axes)) * np.cbrt(pressure.data)
             return pressure
-        return sp.csr_matrix(self.row_forces(result) @ self.mechanics.node_pressures.T)
+        return sp.csr_matrix(self.row_forces(result) @ self.mechanics.gaps.all_points.pressures.T)
 
     def area(self, result: RunSamples) -> Array:
         """Contact area, the sum of the areas of rows that press, (n,) [m2].
@@ -318,7 +318,7 @@ class PartitionContact(Item[Any]):
             return np.pi * math.prod(axes) * self.force(result) ** (2 / 3)
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
-        value: Array = closed @ self.mechanics.node_areas
+        value: Array = closed @ self.mechanics.gaps.all_points.node_areas
         return value
 
     def radius(self, result: RunSamples) -> Array:
@@ -427,7 +427,7 @@ class PartitionContact(Item[Any]):
     @property
     def left_out(self) -> list[str]:
         """Sentences on the effects that the contact leaves out."""
-        unpaired = self.mechanics.gaps.unpaired
+        unpaired = self.mechanics.gaps.stage.rows.unpaired
         said = [] if self.friction else ["tangential rows: the contact is frictionless"]
         said += self.mechanics.law.left_out
         if self.undamped:
@@ -444,7 +444,7 @@ class PartitionContact(Item[Any]):
             said.append(
                 "plastic strain in stresses and static answers that `recovery` and `output` compute: these are elastic"
             )
-        if not self.mechanics.gaps.faced:
+        if not self.mechanics.gaps.placement.faced:
             said.append("pairs at the start: the patches do not face each other yet, pairs are found when they do")
         elif unpaired and not any(side.surface.wanders for side in self.mechanics.gaps.sides):
             slave = self.slave.name or "the slave"
@@ -655,7 +655,7 @@ class _Pressed:
     def patch(self) -> tuple[object, ...]:
         """Key that contacts with equal rows on the same patch of equal bodies share."""
         gaps = self.contact.mechanics.gaps
-        return self.contact.slave.body, gaps.slave.surface.nodes.tobytes(), self.areas.tobytes(), gaps.points.nodal
+        return self.contact.slave.body, gaps.slave.surface.nodes.tobytes(), self.areas.tobytes(), gaps.all_points.nodal
 
     def stress(self, axes: Array) -> Stress:
         """Largest stress, by the semi-axes of each sample, (m, 2) [m]."""
@@ -702,7 +702,7 @@ def largest_stresses(histories: Sequence[tuple[PartitionContact, Array, RowSampl
             np.concatenate(starts),
             every[0].contact.slave.body.points[places],
             every[0].areas,
-            not gaps.points.nodal,
+            not gaps.all_points.nodal,
         )
         of_each = np.split(axes, np.cumsum([*map(len, starts)]))
         for (place, pressed), ellipse_axes in zip(members, of_each, strict=False):

@@ -120,7 +120,7 @@ class FrictionGroups:
         record, gaps = member.record, member.mechanics.gaps
         record.keep_rows(t, rows_of(gaps)[closed], lam, stored, tangential)
         followed = isinstance(gaps, PatchGaps) and gaps.moving  # loops have looked where these leave their patch
-        if record.edge is None and not followed and np.isfinite(gaps.leaves_at[closed]).any():
+        if record.edge is None and not followed and np.isfinite(gaps.stage.rows.leaves_at[closed]).any():
             cls._look_for_edge(member, t, q, closed, lam)
 
     @staticmethod
@@ -129,7 +129,7 @@ class FrictionGroups:
         mechanics, gaps = member.mechanics, member.mechanics.gaps
         nodes, gap = rows_of(gaps)[closed], gaps.at(member.coordinates_in(q))
         present = np.isin(gaps.row_nodes, nodes)
-        if (np.maximum(-gap[present], 0.0) >= gaps.leaves_at[present]).any():
+        if (np.maximum(-gap[present], 0.0) >= gaps.stage.rows.leaves_at[present]).any():
             forces = np.zeros((len(gap), mechanics.rows.d))
             forces[present, 0] = lam[np.isin(nodes, gaps.row_nodes)]
             answer = mechanics.answered(Forces(forces, np.flatnonzero(present)), gap, float(gap.min()))

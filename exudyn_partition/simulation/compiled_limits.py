@@ -71,7 +71,7 @@ def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
         named, mechanics = _called("contact", contact, place), contact.mechanics
         if not isinstance(contact.formulation, Compliance):
             yield f"{named} has formulation {type(contact.formulation).__name__}"
-        if mechanics.friction is not None and mechanics.gaps.on_demand:
+        if mechanics.friction is not None and mechanics.gaps.sides.on_demand:
             yield f"{named} has friction on a large skin"
         rows = sum(len(rows_of(member.mechanics.gaps)) for member in contact.group)
         if has_friction(contact.group) and rows > MOST_ROWS:
@@ -82,7 +82,7 @@ def _reasons_by_contacts(contacts: Sequence[PartitionContact]) -> Iterator[str]:
             yield f"{named} has a surface on a body that moves"
         if mechanics.viscous:
             yield f"{named} has a viscous flexibility, by damping in proportion to the stiffness"
-        if mechanics.gaps.overlap:
+        if mechanics.gaps.placement.overlap:
             yield f"{named} is a press fit"
         if contact.slave == contact.master:
             yield f"{named} is of a body that touches itself"

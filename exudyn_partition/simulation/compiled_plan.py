@@ -25,12 +25,13 @@ from ..compiled.moving import (
 from ..compiled.plan import Bodies, Core, FrozenPlan, StepPlan, joined_fields
 from ..compiled.rubbing import Rubbing, rubbing_of
 from ..compiled.start import Start
+from ..contact.anchoring import SAME
 from ..contact.between import Shares, shared_flexibility
 from ..contact.followed import BULGE
 from ..contact.formulations.coupled import CoupledContacts
 from ..contact.formulations.coupled_friction import CoupledFriction
 from ..contact.formulations.formulation import Together
-from ..contact.gaps import SAME, GapState
+from ..contact.gaps import GapState
 from ..contact.linear_gaps import FlatRows, LinearGaps
 from ..contact.memory import on_rows
 from ..contact.patch_contact import PatchContact
@@ -123,9 +124,9 @@ def _rows(mbs: MainSystem, contacts: Sequence[PartitionContact], members: Sequen
     linear, normals, dofs = list[LinearGaps](), list[Array](), list[Array]()
     for contact, mechanics in zip(contacts, members, strict=True):
         gaps = mechanics.gaps
-        if gaps.linear is not None:
-            linear.append(gaps.linear)
-            normals.append(gaps.normal)
+        if gaps.stage.linear is not None:
+            linear.append(gaps.stage.linear)
+            normals.append(gaps.stage.normal)
             dofs.append(np.concatenate([np.r_[part] for part in contact.slices(mbs)]))
         elif can_follow(gaps):
             n = len(rows_of(gaps))
@@ -320,7 +321,7 @@ def with_anchors(start: Start, moves: Moves) -> Start:
     """Return the start of a run with what its moving contacts remember."""
     rigid, _, rubbing, _ = moves
     pairs, rubbing_pairs = (
-        tuple(replace(pair.gaps.accepted, anchor=pair.gaps.anchor) for pair in some)
+        tuple(replace(pair.gaps.accepted, anchor=pair.gaps.present.anchor) for pair in some)
         for some in (moves.pairs, moves.rubbing_pairs)
     )
     return replace(
@@ -351,7 +352,7 @@ def follow_frozen(mbs: MainSystem, groups: Groups, pairs: Sequence[Following], e
         for mechanics in () if has_friction(of_group) else members:
             gaps = mechanics.gaps
             if isinstance(gaps, PatchGaps) and not gaps.moving and can_follow(gaps):
-                known[id(gaps)] = replace(gaps.accepted, anchor=gaps.anchor)
+                known[id(gaps)] = replace(gaps.accepted, anchor=gaps.present.anchor)
                 gaps.follow()
     following = moving_contacts(mbs, groups).pairs
     return [replace(known[id(pair.gaps)], q=end.q[pair.dofs]) for pair in following]
@@ -364,7 +365,7 @@ def give_anchors(moves: Moves, state: Start) -> None:
             assert anchors is not None
             if anchors.anchored[s]:
                 growing = growing_of(contact.gaps, anchors.growing[s])
-                contact.gaps.go_on_at(Anchor(anchors.q[s, contact.dofs], NOTHING, growing))
+                contact.gaps.accept_anchor(Anchor(anchors.q[s, contact.dofs], NOTHING, growing))
     states = (*(state.pairs or ()), *(state.rubbing_pairs or ()))
     for pair, of_pair in zip((*moves.pairs, *moves.rubbing_pairs), states, strict=True):
         pair.gaps.begin(of_pair)

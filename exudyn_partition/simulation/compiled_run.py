@@ -246,13 +246,13 @@ def _look_for_edges(
         gaps = member.mechanics.gaps
         if isinstance(gaps, PatchGaps) and gaps.moving:
             continue
-        at_edge = np.flatnonzero(np.isfinite(gaps.leaves_at))
+        at_edge = np.flatnonzero(np.isfinite(gaps.stage.rows.leaves_at))
         leaving = lam[:, begin + at_edge].toarray() > 0.0
         if not leaving.any():
             continue
-        if gaps.linear is not None:
-            h = gaps.linear.start[at_edge] + made.q[:, member.dofs] @ gaps.linear.H[at_edge].T
-            leaving &= np.maximum(-h, 0.0) >= gaps.leaves_at[at_edge]
+        if gaps.stage.linear is not None:
+            h = gaps.stage.linear.start[at_edge] + made.q[:, member.dofs] @ gaps.stage.linear.H[at_edge].T
+            leaving &= np.maximum(-h, 0.0) >= gaps.stage.rows.leaves_at[at_edge]
         at = leaving.any(axis=1)  # moving rows are those of a patch's rim, which leave it at once
         if at.any():
             _look_there(mbs, model_run, group, place, int(at.argmax()), t, made)

@@ -341,7 +341,7 @@ def hold_by_springs(mbs: MainSystem, settings: SimulationSettings) -> Iterator[N
     own_after_newton = user_function(mbs.GetPostNewtonUserFunction())
     own_tolerance, own_absolute = newton.relativeTolerance, newton.absoluteTolerance
     refused = 2 * settings.staticSolver.discontinuous.iterationTolerance
-    of_overlaps = max((contact.mechanics.gaps.overlap * force_by_depth(contact) for contact in contacts), default=0.0)
+    of_overlaps = max((one.mechanics.gaps.placement.overlap * force_by_depth(one) for one in contacts), default=0.0)
     goal = max(own_tolerance, _BALANCED_BY_FACETS if of_overlaps else _BALANCED)
     start, former = _Start(runs_of(mbs).now(mbs), max(own_absolute, goal * of_overlaps)), {}
 
@@ -428,7 +428,8 @@ def _share_of_way(contact: PartitionContact, mbs: MainSystem, start: Array, now:
     """Share of a step, from coordinates `start` to `now`, (n,), after which the slave's patch is one facet deep."""
     gaps = contact.mechanics.for_run("static").gaps
     q_start, q = (np.concatenate([x[s] for s in contact.slices(mbs)]) for x in (start, now))
-    moved = [(end - begin).mean(axis=0) for begin, end in zip(gaps.places(q_start), gaps.places(q), strict=True)]
-    way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.approach)
+    places = (gaps.sides.places(at, gaps.growing) for at in (q_start, q))
+    moved = [(end - begin).mean(axis=0) for begin, end in zip(*places, strict=True)]
+    way = float((moved[0] - sum(moved[1:], np.zeros(3))) @ gaps.placement.approach)
     allowed = max(gaps.surface_gap(q_start), 0.0) + contact.slave_facet_size
     return allowed / way if way > allowed else 1.0

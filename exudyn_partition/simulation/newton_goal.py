@@ -95,7 +95,7 @@ def _extent(mbs: MainSystem, contact: PartitionContact, duration: float) -> floa
     Bodies fly at their first speed, and fall. Farther than by their size they have left the contact.
     """
     gaps = contact.mechanics.gaps
-    far = max(gaps.clearance, 0.0) if math.isfinite(gaps.clearance) else 0.0
+    far = max(gaps.placement.clearance, 0.0) if math.isfinite(gaps.placement.clearance) else 0.0
     for item, _ in contact.sides:
         speed = _speed(mbs, item)
         if item.weight is not None:

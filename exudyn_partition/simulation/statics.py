@@ -254,7 +254,7 @@ def _planned(
     if not duration > 0:
         raise InputError(f"settings: expected a staticSolver.loadStepDuration above zero, got {duration!r}")
     static.useLoadFactor, settings.solution.sensors.writePeriod = load_factor, 0.0
-    pressed = any(contact.mechanics.gaps.overlap for contact in partition_items(mbs)[1])
+    pressed = any(contact.mechanics.gaps.placement.overlap for contact in partition_items(mbs)[1])
     return _Plan(settings, load_steps, start, start + duration, duration / load_steps, pressed, springs)
 
 

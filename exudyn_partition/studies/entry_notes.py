@@ -169,7 +169,7 @@ class Notes:
                 f"{called(contact)} starts with an overlap, whose energy throws the bodies apart. Check "
                 "referencePosition of these entries"
             )
-        areas = contact.mechanics.node_areas[peak.rows.row_nodes[peak.lam > 0]]
+        areas = contact.mechanics.gaps.all_points.node_areas[peak.rows.row_nodes[peak.lam > 0]]
         if pressed.max() > DEEP * np.sqrt(areas.sum() / np.pi) > 0:
             yield _limit(
                 f"{called(contact)}: the bodies penetrate each other by more than {DEEP} of the radius of the contact "
@@ -189,7 +189,7 @@ class Notes:
 
     def _leaves(self, j: int, made: Histories) -> bool:
         """Whether closed rows of a contact left its patch, see `Evaluation.edge_reached`."""
-        depth, leaves_at = made.peaks.depth[self._rows[j]], self._gaps[j].leaves_at
+        depth, leaves_at = made.peaks.depth[self._rows[j]], self._gaps[j].stage.rows.leaves_at
         if len(depth) != len(leaves_at):  # of two bodies whose pairs slide, which loops watch
             return False
         return bool(((depth > -np.inf) & (np.maximum(depth, 0.0) >= leaves_at)).any())

@@ -58,7 +58,7 @@ class Measures:
         if rows.moving:  # their normals are those of the peak; threads may work with others
             rows = rows.fresh()
             rows.at(made.peaks.q[j][self._coordinates[j]])
-        return AtPeak(rows, lam if len(lam) == len(rows.row_nodes) else lam[rows.slots])
+        return AtPeak(rows, lam if len(lam) == len(rows.row_nodes) else lam[rows.all_points.rows_of(rows.row_nodes)])
 
     def of(
         self, entry: int, bodies: Bodies, made: Histories, peaks: Sequence[AtPeak | None]
@@ -104,7 +104,7 @@ class Measures:
             return np.nan
         normal = impulse / size
         at_peak = made.peaks.q[j][self._places[contact.slave]]
-        weights = peak.rows.nodal_forces(peak.lam)[0] @ normal
+        weights = peak.rows.stage.nodal_forces(peak.lam)[0] @ normal
         at_nodes = self._slaves[j].place(at_peak)
         centre = weights @ at_nodes / weights.sum()
 

@@ -26,7 +26,7 @@ from ..fe.facets import NODAL_SHARES, facet_corners
 from ..fe.halves import whole_facets
 from ..fe.quadrature import RULES, facet_integration, half_hats
 from ..fe.shapes import FACET_NODES, linear_shares
-from ..support.arrays import Array
+from ..support.arrays import Array, as_read_only
 from ..support.checks import validate_choice
 from . import loops
 from .edges import beside_edges
@@ -77,10 +77,21 @@ class ContactPoints:
         return self.mean.toarray() if math.prod(self.mean.shape) <= _DENSE else self.mean
 
     @cached_property
+    def node_areas(self) -> Array:
+        """Area of the row of each node of the patch, (np,) [m2]; zero without a row, or at a sharp edge."""
+        areas = np.zeros(self.pressures.shape[0])
+        areas[self.row_nodes] = self.area
+        return as_read_only(areas)
+
+    @cached_property
     def triplets(self) -> tuple[Array, Array, Array]:
         """`mean` as rows, points and weights."""
         row, point, share = sp.find(self.mean)
         return row, point, share
+
+    def rows_of(self, nodes: Array) -> Array:
+        """Numbers of the rows of some nodes, (k,) int array."""
+        return np.searchsorted(self.row_nodes, nodes)
 
     def average(self, values: Array) -> Array:
         """Means of each row, (nr, ...), of values at the points, (p, ...)."""

@@ -15,10 +15,8 @@ class SomeRows:
     """Rows of a contact with two sides, with one direction or three."""
 
     def __init__(self, rng, d, yielding):
-        self.d, self.gaps = (
-            d,
-            SimpleNamespace(row_nodes=np.arange(NR), yielding=yielding, found_at=lambda anchor, make: make()),
-        )
+        anchoring = SimpleNamespace(found_at=lambda anchor, make: make())
+        self.d, self.gaps = d, SimpleNamespace(row_nodes=np.arange(NR), yielding=yielding, anchoring=anchoring)
         self._rows = [rng.normal(size=(d * NR, NP)) for _ in range(2)]
 
     def side_rows(self, side):

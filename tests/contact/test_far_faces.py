@@ -64,7 +64,7 @@ def test_a_ball_above_a_block_or_below_it(block, side):
     place = (0, 0, R + CLEARANCE if side > 0 else -THICK - R - CLEARANCE)
     mbs, contacts = touching(block, place, [0, 0, side * SPEED])
     assert len(contacts) == 6
-    assert min(contact.mechanics.gaps.clearance for contact in contacts) == pytest.approx(CLEARANCE, rel=1e-3)
+    assert min(contact.mechanics.gaps.placement.clearance for contact in contacts) == pytest.approx(CLEARANCE, rel=1e-3)
     found = peaks(mbs, contacts)
     assert found[:-1] == [0.0] * 5
     hertz = ep.hertz.impact(block.total_mass, SPEED, R, np.inf, STEEL)
@@ -95,7 +95,7 @@ def test_no_face_is_nearer_than_the_bodies_are(block):
     assert distances[-1] > R + THICK - gaps[0].size
     # Nor does the default step look for impacts of faces beside which the ball is.
     near = [of_face for of_face in gaps if not of_face.beside]
-    assert [of_face.clearance for of_face in near] == [pytest.approx(R)]
+    assert [of_face.placement.clearance for of_face in near] == [pytest.approx(R)]
 
 
 def rounded_blocks():
@@ -123,10 +123,10 @@ def corner_contacts():
 
 def test_blocks_touch_where_a_rounded_corner_is(corner_contacts):
     """Of all pairs of faces one is near: surfaces go on beyond seams, where both bodies are elsewhere."""
-    gaps = sorted(contact.mechanics.gaps.clearance for contact in corner_contacts)
+    gaps = sorted(contact.mechanics.gaps.placement.clearance for contact in corner_contacts)
     assert gaps[0] == pytest.approx(CLEARANCE, rel=1e-3)
     assert gaps[1] > 1e-4
-    touching = min(corner_contacts, key=lambda contact: contact.mechanics.gaps.clearance)
+    touching = min(corner_contacts, key=lambda contact: contact.mechanics.gaps.placement.clearance)
     shapes = [type(face.surface.shape).__name__ for face in touching.mechanics.gaps.faces]
     assert sorted(shapes) == ["RigidPlane", "RigidSphere"]
 
@@ -136,14 +136,14 @@ def test_distances_of_faces_are_bounded_by_where_their_facets_are(corner_contact
     for contact in corner_contacts:
         gaps = contact.mechanics.gaps
         q = np.zeros(gaps.n)
-        both = zip(gaps.places_of(gaps.sides, q), gaps.faces, strict=True)
+        both = zip(gaps.sides.places(q), gaps.faces, strict=True)
         first, second = (places[np.unique(face.facets)] for places, face in both)
         distance = cKDTree(first).query(second)[0].min()
         least = gaps.least_distance(q)
         edges = [
             np.linalg.norm(places[facet[:3]] - places[facet[[1, 2, 0]]], axis=1).max()
             for places, facet in (
-                (gaps.body_points(side), facet) for side, face in enumerate(gaps.faces) for facet in face.around
+                (gaps.makers[side].points, facet) for side, face in enumerate(gaps.faces) for facet in face.around
             )
         ]
         assert least < distance

@@ -25,11 +25,11 @@ def contacts(rng, sizes, H=None):
     ]  # fmt: skip
     dofs = [np.arange(N) + j * N // 2 for j in range(len(sizes))]
     gaps = [
-        SimpleNamespace(
-            linear=own, normal=np.zeros((nr, 3)), stage=own, row_nodes=np.arange(nr), leaves_at=np.full(nr, np.inf)
-        )
+        SimpleNamespace(row_nodes=np.arange(nr), stage=SimpleNamespace(
+            linear=own, normal=np.zeros((nr, 3)), rows=SimpleNamespace(leaves_at=np.full(nr, np.inf)),
+        ))
         for own, nr in zip(rows, sizes, strict=True)
-    ]
+    ]  # fmt: skip
     blocks = BlockComplementarity(len(sizes), {}).flat(
         [np.eye(nr) for nr in sizes], [np.zeros((nr, 0)) for nr in sizes]
     )

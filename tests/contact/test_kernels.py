@@ -65,7 +65,7 @@ def test_following_only_the_nodes_that_rows_need_changes_no_force(round_body, fl
         with nullcontext() if compiled else without_numba():
             law = compliant(PatchGaps(*sides), Coulomb(0.3))
             forces = [law.at(q).generalised.copy() for q in ways(sides[0], flat_body.n_dofs)]
-            followed = [side.n_followed for side in law.gaps.near_sides]
+            followed = [side.n_followed for side in law.gaps.stage.rows.sides]
         assert (followed < [side.n_followed for side in law.gaps.sides]) is (many == 0)
         found.append(np.array(forces))
     assert relative(*found) < 1e-9

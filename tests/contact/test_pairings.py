@@ -52,7 +52,7 @@ def test_other_places_frames_and_bodies_have_their_own_pairs(round_body, flat_bo
 
 def test_pairs_that_may_overlap_are_kept_apart_from_those_that_may_not(round_body, flat_body):
     slave = copy_of(round_body)
-    assert PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body), pressed=True).overlap > 0
+    assert PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body), pressed=True).placement.overlap > 0
     with pytest.raises(PenetrationError):
         PatchGaps(inertial(slave, (0, 0, -1e-5)), inertial(flat_body))
 
@@ -68,7 +68,7 @@ def test_pairs_elsewhere_in_space_are_the_same(round_body, flat_body, monkeypatc
         force.append(law.evaluation.lam.sum())
         laws.append(law)
     np.testing.assert_allclose(force, force[0], rtol=1e-9)
-    assert len({id(law.law.problem.F) for law in laws}) == len({id(law.gaps.linear.H) for law in laws}) == 1
+    assert len({id(law.law.problem.F) for law in laws}) == len({id(law.gaps.stage.linear.H) for law in laws}) == 1
     laws[0].law.problem.solve(np.ones(len(laws[0].evaluation.lam)))
     assert laws[1].law.problem.index.size  # active rows are each contact's own
 
@@ -103,12 +103,12 @@ def test_contacts_on_planes_share_what_follows_from_their_rows(round_body):
     slave, places = copy_of(round_body), np.array([[0, 0, 0], [0.1, 0.3, -0.7]])
     one, other = (compliant(RigidGaps(inertial(slave, place), RigidPlane(place))) for place in places)
     assert one.law.problem.F is other.law.problem.F
-    assert one.gaps.linear.H is other.gaps.linear.H
+    assert one.gaps.stage.linear.H is other.gaps.stage.linear.H
     assert one.closed_stiffness() is other.closed_stiffness()
     tilted = RigidPlane((0, 0, -1e-4), (0.1, 0, 1))
     late, fresh = (compliant(RigidGaps(inertial(body), tilted)) for body in (slave, copy_of(round_body)))
-    assert abs(late.gaps.linear.H - one.gaps.linear.H).max() > 1e-3
-    np.testing.assert_array_equal(late.gaps.linear.H, fresh.gaps.linear.H)
+    assert abs(late.gaps.stage.linear.H - one.gaps.stage.linear.H).max() > 1e-3
+    np.testing.assert_array_equal(late.gaps.stage.linear.H, fresh.gaps.stage.linear.H)
     np.testing.assert_array_equal(late.law.problem.F, fresh.law.problem.F)
     np.testing.assert_array_equal(late.closed_stiffness(), fresh.closed_stiffness())
     late.gaps.exchange_flexibility([2 * side.flexibility for side in late.gaps.sides])

@@ -54,7 +54,7 @@ def test_gaps_change_as_their_jacobian_says(round_body, flat_body, kind, frame):
     gaps.at(q)
     rng, H = np.random.default_rng(0), gaps.jacobian(np.arange(len(gaps.row_nodes)))
     some = np.array([0, 2])
-    by_matrices = dense(gaps.rows_on_coordinates(gaps.stage, q, some))  # of many rows; those of few are one call
+    by_matrices = dense(gaps.stage.on_coordinates(q, some))  # of many rows; those of few are one call
     np.testing.assert_allclose(dense(gaps.jacobian(some)), by_matrices, rtol=0, atol=1e-12 * abs(by_matrices).max())
     near = np.flatnonzero(gaps.at(q) < 10e-6)
     for _ in range(3):
@@ -125,7 +125,7 @@ def test_no_row_that_closing_leaves_out_is_nearer_than_it_says(round_body, flat_
     for x in np.linspace(0, 0.2 * gaps.size, 4):
         q = np.r_[moved(slave, [x, 0, 0.97 * gaps.size]), np.zeros(flat_body.n_dofs)]
         gap, *_ = gaps.closing(q, 0.0 * q, 0.0 * q)
-        every = gaps.project(*gaps.places(q))[0]
+        every = gaps.project(*gaps.sides.places(q))[0]
         left_out = (abs(every.gap[:, None] - gap[:-1]) > 1e-9).all(axis=1)
         assert left_out.any()
         assert 0 < gap[-1] <= every.gap[left_out].min()
@@ -178,7 +178,7 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
     for own in paths(round_body, inertial(round_body)):
         q = np.r_[own, np.zeros(flat_body.n_dofs)] if ball_is_slave else np.r_[np.zeros(flat_body.n_dofs), own]
         found = gaps.at(q)
-        every = gaps.project(*gaps.places(q))[0]
+        every = gaps.project(*gaps.sides.places(q))[0]
         expected = dict(zip(every.points.row_nodes, every.gap, strict=True))
         least = every.gap.min()
         assert found.min() == pytest.approx(least, abs=1e-10)
@@ -186,7 +186,8 @@ def test_rows_that_are_not_followed_are_open(round_body, flat_body, kind, ball_i
         fewest = min(fewest, len(followed) / len(expected))
         assert all(gap > max(least, -0.25 * least) for node, gap in expected.items() if node not in followed)
         inner = [
-            node in expected and within for node, within in zip(gaps.row_nodes, np.isinf(gaps.leaves_at), strict=True)
+            node in expected and within
+            for node, within in zip(gaps.row_nodes, np.isinf(gaps.stage.rows.leaves_at), strict=True)
         ]
         np.testing.assert_allclose(found[inner], [expected[node] for node in gaps.row_nodes[inner]], atol=2e-10)
     assert fewest < 0.5
@@ -213,7 +214,7 @@ def test_a_row_is_followed_before_it_closes_by_twice_the_error_of_those_that_are
     found = gaps.at(np.r_[pressed, still])
     first, least = gaps.row_nodes, found.min()
     soon = -0.25 * least  # smaller gaps may close because the surface bulges
-    every = gaps.project(*gaps.places(np.r_[pressed, still]))[0]
+    every = gaps.project(*gaps.sides.places(np.r_[pressed, still]))[0]
     left_out = {
         gap: node for node, gap in zip(every.points.row_nodes, every.gap, strict=True) if node not in set(first)
     }
@@ -282,7 +283,7 @@ def test_patches_far_apart_have_no_rows_and_are_hardly_searched(round_body, flat
             assert not len(gap)
     assert len(searches) < 60
     assert 0 < gaps.closing(far, 0 * far, 0 * far)[0].min() < 0.301
-    assert gap.min() == pytest.approx(project(gaps, *gaps.places(q))[0].gap.min(), abs=1e-10)
+    assert gap.min() == pytest.approx(project(gaps, *gaps.sides.places(q))[0].gap.min(), abs=1e-10)
 
 
 def test_pairs_freeze_again_when_the_sliding_stops(round_body, flat_body):

@@ -70,7 +70,9 @@ def test_rows_change_with_the_motion_of_the_carrier(round_body, surface):
     every = np.arange(len(gaps.at(q)))
     rows.record_places()
     found = (rows.carrier_rows(every) @ np.r_[v, w]).reshape(-1, 3)
-    np.testing.assert_allclose(found[:, 0], gaps.carrier_rows(every) @ np.r_[v, w], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found[:, 0], gaps.carrier.rows(gaps.stage, gaps.present.places[0]) @ np.r_[v, w], rtol=0, atol=1e-12
+    )
     np.testing.assert_allclose(rows.rates(np.zeros(len(q))), found, rtol=0, atol=1e-12)
     _, rate, _ = gaps.closing(q, np.zeros(len(q)), np.zeros(len(q)))
     np.testing.assert_allclose(rate[: len(every)], found[:, 0], rtol=0, atol=1e-12)
@@ -100,7 +102,7 @@ def test_the_carrier_bears_the_reaction(round_body, surface, friction):
     (on_patch,), elsewhere = law.evaluation.nodal_forces(), place + np.array([0.3, -0.1, 0.2])
     np.testing.assert_allclose(on_patch.sum(axis=0), -force[:3], rtol=1e-9)
     assert (-A.T @ force[:3])[2] > 50
-    moment = np.cross(law.gaps.centre + law.gaps.places_now()[0] - elsewhere, on_patch).sum(axis=0)
+    moment = np.cross(law.gaps.centre + law.gaps.present.places[0] - elsewhere, on_patch).sum(axis=0)
     np.testing.assert_allclose(law.evaluation.on_carrier(elsewhere)[3:], -moment, rtol=1e-7, atol=1e-9)
 
 
@@ -211,7 +213,7 @@ def test_one_call_places_nodes_and_pushes_them_as_the_kinematics_do(round_body):
     np.testing.assert_allclose(loops.rigid_moment(rows.flat, lam, normals, x, about), moment, rtol=1e-11)
     gaps.at(q)
     some = np.array([1, 4])
-    by_matrices = dense(gaps.rows_on_coordinates(gaps.stage, q, some))
+    by_matrices = dense(gaps.stage.on_coordinates(q, some))
     np.testing.assert_allclose(gaps.jacobian(some), by_matrices, rtol=0, atol=1e-12 * abs(by_matrices).max())
     along = normals @ side.kinematics.frame(q)[1]
     np.testing.assert_allclose(side.kinematics.in_frame(q, normals), along, rtol=0, atol=1e-15)

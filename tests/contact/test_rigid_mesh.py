@@ -179,7 +179,7 @@ def test_rows_within_a_thin_sheet_are_as_deep_as_within_a_solid(round_body, shee
         closed = right < 0
         assert closed.any()
         np.testing.assert_allclose(found[closed], right[closed], atol=1e-12)
-        np.testing.assert_allclose(gaps[1].normal[closed], np.tile([0, 0, 1.0], (closed.sum(), 1)), atol=1e-12)
+        np.testing.assert_allclose(gaps[1].stage.normal[closed], np.tile([0, 0, 1.0], (closed.sum(), 1)), atol=1e-12)
 
 
 def test_how_much_of_a_sheet_is_left_before_a_row():
@@ -229,7 +229,7 @@ def test_sheets_that_a_body_carries_are_entered_as_planes_are(round_body, turn, 
         pose["A"] = A
         down, arm = A @ [0, 0, -1.8e-5], side.kinematics.origin - place
         q = moved(side, down + A @ arm - arm, turn) if since else moved(side, down)
-        found.append((gaps.at(q), gaps.normal))
+        found.append((gaps.at(q), gaps.stage.normal))
     closed = found[0][0] < 0
     assert closed.any()
     for plane, mesh in zip(*found, strict=True):

@@ -171,7 +171,7 @@ def test_faces_that_do_not_touch_yet_need_no_room_for_their_kernel(bumps):
     mbs, height = exu.SystemContainer().AddSystem(), np.sqrt(19e-3**2 - 3e-3**2)
     item, ball = ep.CreatePartitionBody(mbs, bumps), ep.RigidSphere((0, 0, 5e-3 + height + CLEARANCE), 15e-3)
     contacts = ep.CreatePartitionContact(mbs, [item, ball], formulation="hertz")
-    gaps = sorted(contact.mechanics.gaps.clearance for contact in contacts)
+    gaps = sorted(contact.mechanics.gaps.placement.clearance for contact in contacts)
     assert gaps[:2] == pytest.approx([CLEARANCE * height / 19e-3] * 2, rel=1e-3)
     assert gaps[2] > 0.5e-3
 
@@ -211,7 +211,7 @@ def rolled(dome):
         answers = [member.at(q) for member in members]
         forces = [float(answer.on_rows.sum()) for answer in answers]
         generalised, stored = sum(answer.generalised for answer in answers), sum(answer.stored for answer in answers)
-        return forces, [member.gaps.share for member in members], q, generalised, stored
+        return forces, [member.gaps.spot_stage.share for member in members], q, generalised, stored
 
     found, height = [], 0.0
     for angle in np.radians(30) + np.linspace(-0.03, 0.09, 49) + 0.00125:  # the seam is between two of them

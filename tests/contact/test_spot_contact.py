@@ -337,7 +337,7 @@ def test_a_rounded_corner_on_a_ball_has_the_curvatures_of_both(rounded):
     cosine = math.sqrt(2 / 3)
     expected = 1 / radius + np.array([cosine / (4e-3 + 4e-3 * cosine), 1 / 4e-3])
     np.testing.assert_allclose(gaps.contact.curvatures, expected, rtol=1e-4)
-    assert gaps.clearance == pytest.approx(1e-7, rel=1e-3)
+    assert gaps.placement.clearance == pytest.approx(1e-7, rel=1e-3)
     np.testing.assert_allclose(abs(gaps.long_axis), [0.5**0.5, 0.5**0.5, 0.0], atol=1e-3)  # around the ring
 
 
@@ -364,7 +364,7 @@ def test_a_rounded_corner_on_a_cylinder_has_the_curvatures_of_both(rounded, turn
     size = math.sqrt(apart**2 + other**2 + 2 * apart * other * math.cos(2 * turned))
     middle = along + across + other
     np.testing.assert_allclose(sorted(gaps.contact.curvatures), [(middle - size) / 2, (middle + size) / 2], rtol=1e-4)
-    assert gaps.clearance == pytest.approx(1e-7, rel=2e-3)
+    assert gaps.placement.clearance == pytest.approx(1e-7, rel=2e-3)
     along_ring = gaps.long_axis @ [-(0.5**0.5), 0.5**0.5, 0.0]
     angle = 0.5 * math.atan2(other * math.sin(2 * turned), apart + other * math.cos(2 * turned))
     assert abs(along_ring) == pytest.approx(math.cos(angle), abs=2e-3)

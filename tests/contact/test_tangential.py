@@ -16,7 +16,7 @@ def test_tangents_turn_no_faster_than_normals_where_an_axis_becomes_a_normal(rou
     rows = TangentialRows(gaps)
     for angle in np.linspace(0, np.pi / 2, 7):
         gaps.at(moved(side, [0, 0, 1e-3], angle * np.eye(3)[about]))
-        frames = np.concatenate([gaps.normal[:, None], rows.tangents], axis=1)
+        frames = np.concatenate([gaps.stage.normal[:, None], rows.tangents], axis=1)
         np.testing.assert_allclose(frames @ frames.swapaxes(1, 2), np.tile(np.eye(3), (len(frames), 1, 1)), atol=1e-12)
         apart = np.linalg.norm(frames[:, None] - frames, axis=3)
         assert (apart[:, :, 1:].max(axis=2) <= 4 * apart[:, :, 0] + 1e-12).all()

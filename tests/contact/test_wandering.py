@@ -85,7 +85,7 @@ def test_rows_within_a_thin_elastic_wall_are_those_of_its_face_alone(round_body)
         law = compliant(WanderingGaps(side, inertial(sheet)))
         for depth in (0.02e-3, 0.08e-3, 0.15e-3, 0.19e-3):
             law.at(np.r_[moved(side, [0, 0, -depth]), np.zeros(sheet.n_dofs)])
-            found.append([law.gaps.at(law.gaps.q).min(), law.evaluation.resultant()[2]])
+            found.append([law.gaps.at(law.gaps.present.q).min(), law.evaluation.resultant()[2]])
     assert found[3][0] < -0.9 * t
     np.testing.assert_allclose(found[4:], found[:4], rtol=1e-6)
 
@@ -359,7 +359,7 @@ def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, c
         every = Everywhere(side, plane)
         gaps = WanderingRigidGaps(side, plane) if kind == "a rigid plane" else WanderingGaps(side, inertial(face))
     reach = min(gaps.longest_reach, 0.5 * gaps.size)
-    gaps.begin_at(reach)
+    gaps.reach_to(reach)
     run, seen, other = gaps.fresh(), 0, np.zeros(gaps.n - side.n)
     heights = reach * np.r_[np.linspace(2.0, -0.1, 20), np.linspace(-0.1, 0.9, 12)]
     with contextlib.nullcontext() if compiled else without_numba():

@@ -91,7 +91,7 @@ def test_what_a_contact_reports(mbs, marble, rows, first_gap):
     top = int(force.argmax())
     if rows == "integrated":
         np.testing.assert_allclose(
-            contact.pressure(result)[top] @ contact.mechanics.gaps.node_areas, force[top], rtol=1e-12
+            contact.pressure(result)[top] @ contact.mechanics.gaps.all_points.node_areas, force[top], rtol=1e-12
         )
     radius = contact.radius(result)[top]
     effective = 1 / (1 / R + 1 / 0.02)
@@ -396,7 +396,7 @@ def test_a_body_that_faces_away_turns_until_it_hits(round_body, flat_body, surfa
         )  # fmt: skip
         contact = ep.CreatePartitionContact(mbs, slave, surface or ep.CreatePartitionBody(mbs, flat_body))
         mbs.Assemble()
-        assert contact.mechanics.gaps.faced == (angle == late)
+        assert contact.mechanics.gaps.placement.faced == (angle == late)
         assert any("do not face" in sentence for sentence in contact.left_out) == (angle != late)
         limit = ep.stability_limit(mbs)
         result = ep.solve_dynamic(mbs, end_time=wait + 0.36e-3, step=0.8e-6)

@@ -12,7 +12,8 @@ from exudyn_partition.exudyn_contacts.group_run import CoupledRun
 class Diary:
     """A contact that writes down which steps it is told of."""
 
-    gaps = SimpleNamespace(node_areas=np.ones(1), node_pressures=None, carried=False)
+    points = SimpleNamespace(node_areas=np.ones(1), pressures=None)
+    gaps = SimpleNamespace(all_points=points, carried=False)
     zones, remembers, ahead, damped, elastic, law = None, True, False, False, True, None
     state, evaluation = SimpleNamespace(memory=None), SimpleNamespace(plastic=None, pushes=True)
 

@@ -60,7 +60,7 @@ def test_multipliers_keep_gaps_closed(mbs, nodal_bodies):
     _, _, contact = nodal_impact(mbs, nodal_bodies)
     result = ep.solve_dynamic(mbs, end_time=3e-6)
     q = np.hstack([contact.slave.coordinates(result), contact.master.coordinates(result)])
-    gaps = contact.mechanics.gaps.linear.start[:, None] + contact.mechanics.gaps.linear.H @ q.T
+    gaps = contact.mechanics.gaps.stage.linear.start[:, None] + contact.mechanics.gaps.stage.linear.H @ q.T
     assert gaps.min() > -1e-15
     assert contact.force(result).max() > 100
 

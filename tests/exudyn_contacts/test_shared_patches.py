@@ -84,7 +84,9 @@ def test_forces_are_those_of_the_whole_problem(plate_of, marble):
         assert abs(F[: len(own[0]), len(own[0]) :] @ lam[len(own[0]) :]).max() > -1e-3 * h.min()  # they push
         np.testing.assert_allclose(np.concatenate([law.evaluation.lam for law in laws]), lam, atol=1e-6 * lam.max())
         for law, force, x in zip(laws, forces, q, strict=True):
-            np.testing.assert_allclose(force, law.gaps.linear.H.T @ law.evaluation.lam, atol=1e-12 * abs(force).max())
+            np.testing.assert_allclose(
+                force, law.gaps.stage.linear.H.T @ law.evaluation.lam, atol=1e-12 * abs(force).max()
+            )
             assert len(x) == len(force)
 
 

@@ -20,7 +20,6 @@ ELSEWHERE = {  # where else it is assigned; nothing is added here
     "MultiplierStep.after_step": "called by Exudyn",
     "MultiplierStep._apply": "by both",
     "ModelRun._press": "an input: load steps close overlaps",
-    "Gaps.go_on_at": "an anchor that compiled loops have found",
     "Gaps.exchange_flexibility": "no run has begun",
     "SpotGaps._prepare": "no run has begun",
     "RunRecord.advance": "a record",

@@ -118,11 +118,11 @@ def test_static_answer_closes_the_contact_and_stresses_what_is_beneath(run, ball
     lam = contact.row_forces(result.at([peak])).toarray()[0][gaps.row_nodes]
     left = {}
     for key, fields in meshes.items():
-        h = gaps.linear.start.copy()
-        for (nodes, weights), (item, patch) in zip(gaps.shares, contact.sides, strict=True):
+        h = gaps.stage.linear.start.copy()
+        for (nodes, weights), (item, patch) in zip(gaps.stage.shares, contact.sides, strict=True):
             mesh = fields[0 if item is striker else 1]
             u = mesh.point_data["displacement"][item.body.partition.patches[patch].nodes]
-            h += np.einsum("pk,pkd,pd->p", weights, u[nodes], gaps.normals)
+            h += np.einsum("pk,pkd,pd->p", weights, u[nodes], gaps.stage.normals)
         left[key] = h
     depth = -left[False].min()
     assert depth > 1e-7

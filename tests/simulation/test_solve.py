@@ -24,7 +24,7 @@ END = 60e-6
 def verlet(law, bodies, position_velocity, step, steps):
     """The oracle: the same reduced model by central differences in a dozen lines of NumPy."""
     stiffness = np.concatenate([body.stiffness.diagonal() for body in bodies])
-    problem, gap, H = Complementarity(law.law.problem.F), law.gaps.linear.start, law.gaps.linear.H
+    problem, gap, H = Complementarity(law.law.problem.F), law.gaps.stage.linear.start, law.gaps.stage.linear.H
     q, v = np.zeros(len(stiffness)), position_velocity.copy()
     a, force = np.zeros(len(q)), np.zeros(steps + 1)
     for n in range(steps):

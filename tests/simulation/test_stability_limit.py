@@ -32,10 +32,10 @@ def adapted(pair_of):
 
 def held_gap(gaps, q):
     """Gaps with the pairs and normals of the start, from where the nodes are."""
-    shares = zip(gaps.shares, gaps.places(q), strict=True)
+    shares = zip(gaps.stage.shares, gaps.sides.places(q), strict=True)
     way = sum(np.einsum("pk,pkd->pd", weights, x[nodes]) for (nodes, weights), x in shares)
-    gap = np.einsum("pd,pd->p", way, gaps.normals)
-    return gaps.points.average(gap)
+    gap = np.einsum("pd,pd->p", way, gaps.stage.normals)
+    return gaps.stage.rows.points.average(gap)
 
 
 def closed_stiffness(law):

@@ -155,7 +155,7 @@ def static(level=0.15):
                 break
             approach *= 1 - miss / 1.5
         r, p, weight, p_hertz = hat_means(law, lambda x, p0=p0, a=a: p0 * np.sqrt(np.maximum(1 - (x / a) ** 2, 0)))
-        closed = law.node_areas[law.gaps.row_nodes[law.evaluation.index]].sum()
+        closed = law.gaps.all_points.node_areas[law.gaps.row_nodes[law.evaluation.index]].sum()
         found[rows] = {
             "approach_over_hertz": approach / (a**2 / radius) - 1,
             "approach_over_sphere": approach / sphere_approach - 1,
@@ -184,16 +184,16 @@ def hat_means(law, pressure):
     area = hats @ rows.area
     reference = hats @ (rows.area * (rows.mean @ pressure(np.hypot(*rows.at(surface.points)[:, :2].T)))) / area
     forces = row_forces(law)
-    if not law.gaps.points.nodal:
-        forces = rows.area * (law.node_pressures @ forces)
+    if not law.gaps.all_points.nodal:
+        forces = rows.area * (law.gaps.all_points.pressures @ forces)
     return np.hypot(*surface.points[corners, :2].T), hats @ forces / area, area, reference
 
 
 def rows_error(law, pressure):
     """Relative L2 error of the pressures around nodes, as `PartitionContact.pressure` gives them."""
     surface = law.gaps.slave.surface
-    p = law.node_pressures @ row_forces(law)
-    given = np.flatnonzero(np.diff(law.node_pressures.indptr))
+    p = law.gaps.all_points.pressures @ row_forces(law)
+    given = np.flatnonzero(np.diff(law.gaps.all_points.pressures.indptr))
     area = contact_points(surface, "integrated").area[given]
     reference = pressure(np.hypot(*surface.points[given, :2].T))
     return math.sqrt(area @ (p[given] - reference) ** 2 / (area @ reference**2))
@@ -201,7 +201,7 @@ def rows_error(law, pressure):
 
 def row_forces(law):
     """Forces of the rows, (np,) [N], by the patch's nodes."""
-    forces = np.zeros(len(law.node_areas))
+    forces = np.zeros(len(law.gaps.all_points.node_areas))
     forces[law.gaps.row_nodes] = law.evaluation.lam
     return forces
 

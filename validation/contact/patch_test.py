@@ -84,10 +84,10 @@ def pressed(fems, bodies, options):
             "xy": places.tolist(),
             "pressure": list(p / exact),
         }
-    row_force = np.zeros(len(law.node_areas))
+    row_force = np.zeros(len(law.gaps.all_points.node_areas))
     row_force[law.gaps.row_nodes] = law.evaluation.lam
-    p = law.node_pressures @ row_force / exact
-    own = np.flatnonzero(np.diff(law.node_pressures.indptr))
+    p = law.gaps.all_points.pressures @ row_force / exact
+    own = np.flatnonzero(np.diff(law.gaps.all_points.pressures.indptr))
     found["pressure_of_rows_rms"] = np.sqrt(np.mean((p[own] - 1) ** 2))
     return found
 
@@ -95,11 +95,11 @@ def pressed(fems, bodies, options):
 def nodal_forces(law):
     """Forces on the patch nodes of both bodies, (np, 3) each [N]."""
     gaps = law.gaps
-    at_points = gaps.points.spread(law.evaluation.lam)
+    at_points = gaps.stage.rows.points.spread(law.evaluation.lam)
     forces = []
-    for (nodes, weights), side in zip(gaps.shares, gaps.sides, strict=True):
+    for (nodes, weights), side in zip(gaps.stage.shares, gaps.sides, strict=True):
         on_nodes = np.zeros((len(side.surface.points), 3))
-        np.add.at(on_nodes, nodes, weights[:, :, None] * (at_points[:, None] * gaps.normals)[:, None, :])
+        np.add.at(on_nodes, nodes, weights[:, :, None] * (at_points[:, None] * gaps.stage.normals)[:, None, :])
         forces.append(on_nodes)
     return forces
 

@@ -16,8 +16,9 @@ from ...algebra.friction import MANY, OPEN, FrictionProblem
 from ...algebra.products import Solved, dense
 from ...support.arrays import Array
 from .. import loops
+from ..anchoring import SAME
 from ..followed import BULGE, WIDER
-from ..gaps import SAME, Gaps
+from ..gaps import Gaps
 from ..law import Forces, Law, Places, RowDirections
 from ..normal_rows import NormalRows
 from ..row_flexibility import RowFlexibility
@@ -66,7 +67,7 @@ class NormalCompliance(Law):
     """
 
     residual = True
-    _frozen_stage: object = None  # the frozen rows that `problem` belongs to
+    _posed: object = None  # the stage whose frozen rows `problem` belongs to
     _everything: Array  # their numbers
     _near: Array | None = None  # rows that could close at the last answer
     # These rows, their anchor, their stance there, and the share of the depth below which gaps entered.
@@ -87,8 +88,8 @@ class NormalCompliance(Law):
     def _set_up_problem(self) -> None:
         """Set up the problem for the rows that are frozen now."""
         self._everything = np.arange(len(self.gaps.row_nodes))
-        few = self.gaps.moving and (self.gaps.on_demand or self.gaps.anywhere)
-        self._frozen_stage = self.gaps.frozen_stage
+        few = self.gaps.moving and (self.gaps.sides.on_demand or self.gaps.anywhere)
+        self._posed = self.gaps.stage
         self.problem = Complementarity(np.eye(1)) if few else self.rows.problem()  # until rows near each other ask
 
     def answer(self, places: Places) -> Forces:
@@ -108,7 +109,7 @@ class NormalCompliance(Law):
     def _answer_as_before(self, h: Array, least: float) -> Forces | None:
         """Answer in one compiled call if the same rows may close as before, and have hardly moved since; else None."""
         gaps, near = self.gaps, self._near
-        if near is None or self._stood[:2] != (gaps.stage.rows, gaps.anchor) or not loops.at_once():
+        if near is None or self._stood[:2] != (gaps.stage.rows, gaps.present.anchor) or not loops.at_once():
             return None
         problem, (_, _, then, share) = self.problem, self._stood
         stance = gaps.stance(), then, SAME
@@ -132,7 +133,7 @@ class NormalCompliance(Law):
         """
         if len(near) == len(h) or least >= 0.0:  # others may have moved all rows apart
             return False
-        if self.gaps.on_demand:
+        if self.gaps.sides.on_demand:
             return bool(WIDER * h[near[lam > 0.0]].max(initial=least) > -share * least)
         return self._flexibility.shuts(h, near, lam, SHUT * least)
 
@@ -151,15 +152,15 @@ class NormalCompliance(Law):
             (nodes, rows), closed = self._closed, np.zeros(len(self.gaps.slave.surface.points), dtype=bool)
             closed[nodes[rows]] = True
             self.problem.replace(F, closed[self.gaps.row_nodes[near]])
-            self._frozen_stage = None  # the problem of the frozen rows is lost
-        anchor = self.gaps.anchor
-        stance = NOTHING if anchor is None else self.gaps.stance_at(anchor)
+            self._posed = None  # the problem of the frozen rows is lost
+        anchor = self.gaps.present.anchor
+        stance = NOTHING if anchor is None else self.gaps.anchoring.stance(anchor)
         self._stood = self.gaps.stage.rows, anchor, stance, share
         return near
 
     def renew_problem(self) -> None:
         """Set up the problem of rows that became frozen after the last answer."""
-        if not self.gaps.frozen_since(self._frozen_stage):
+        if self.gaps.stage != self._posed:
             self._set_up_problem()
 
     def forces_on_all(self, h: Array, near: Array, lam: Array, iterations: int) -> Forces:
@@ -346,7 +347,7 @@ class ClosingRows:
         """
         if least >= 0.0 or len(self.index) == len(gap):
             return False
-        if self._pushing is None and not self.rows.gaps.on_demand:
+        if self._pushing is None and not self.rows.gaps.sides.on_demand:
             self._pushing = self.rows.pushing(self.index)
         if self._pushing is None:
             largest = float(gap[self.index[lam[:, 0] > 0.0]].max(initial=least))

@@ -89,7 +89,7 @@ class Coupled:
         self._remembering = [contact for contact in self.contacts if contact.remembers]
         self._since: list[float] = []
         self._carried = [contact for contact in self.contacts if contact.gaps.carried]
-        self._pressed = [contact for contact in self.contacts if contact.gaps.overlap]
+        self._pressed = [contact for contact in self.contacts if contact.gaps.placement.overlap]
         self._viscous = any(contact.viscous for contact in self._remembering)
         self._between_rows = None  # that of other contacts
 
@@ -135,7 +135,7 @@ class Coupled:
             self.contacts[0].at(coordinates()[0])
             return [self.contacts[0].generalised()]
         self._since = since = [contact.since for contact in self._remembering]
-        more = [contact.gaps.carrier_pose for contact in self._carried]
+        more = [contact.gaps.carrier.pose for contact in self._carried]
         more += [np.atleast_1d(contact.opening) for contact in self._pressed]
         if self._viscous:
             more += [np.array(contact.gaps.yielding_shares) for contact in self.contacts]
@@ -332,7 +332,7 @@ class CoupledContacts(Coupled):
         within_contacts, fields = list[Array](), list[Array]()
         for j, (law, contact) in enumerate(zip(self._laws, self.contacts, strict=True)):
             if contact.gaps.moving:
-                n_rows = len(contact.gaps.all_nodes)
+                n_rows = len(contact.gaps.all_points.row_nodes)
                 within_contacts.append(np.zeros((n_rows, n_rows)))
                 fields.append(np.zeros((n_rows, n_fields)))
             else:

@@ -54,7 +54,7 @@ class CoupledFriction(Coupled):
         """
         rows = [contact.rows for contact in self.contacts]
         core = self._fields.core if shares is None else self._exchange.yielding(shares)
-        numbers = [one.gaps.n_all if one.gaps.moving else len(one.gaps.row_nodes) for one in rows]
+        numbers = [len(one.gaps.all_points.row_nodes) if one.gaps.moving else len(one.gaps.row_nodes) for one in rows]
         every, n_fields = [np.arange(n) for n in numbers], max(map(len, core.values()), default=0)
         parts, fields = consecutive([3 * len(index) for index in every]), list[Array]()
         F = np.zeros((parts[-1].stop,) * 2)

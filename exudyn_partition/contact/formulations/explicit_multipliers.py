@@ -267,7 +267,7 @@ class ForwardRows:
 
     def __init__(self, contact: PatchContact) -> None:
         self.rows, self.gaps, self.law, self.friction = contact.rows, contact.gaps, contact.law, contact.friction
-        self._response: tuple[object, RowResponse] | None = None  # `Gaps.frozen_stage`, and the response of these rows
+        self._response: tuple[object, RowResponse] | None = None  # the stage, and the response of its rows
 
     def begin(self, state: ForwardState | None = None, memory: RowMemory | None = None) -> ForwardAnswer:
         """Begin from a state, and from what rows remember then; by default, those of a new run."""
@@ -282,11 +282,11 @@ class ForwardRows:
     def response(self) -> RowResponse:
         """How forces move the present rows; the same object as long as the rows stay frozen."""
         kept, gaps = self._response, self.gaps
-        if kept is None or not gaps.frozen_since(kept[0]):
+        if kept is None or gaps.moving or gaps.stage != kept[0]:
             G = self.rows.jacobian(np.arange(len(gaps.row_nodes)))
-            push = gaps.sides.accelerations(gaps.q, G)
+            push = gaps.sides.accelerations(gaps.present.q, G)
             F = regularised(dense(G @ push))  # between flat patches, there may be more rows than coordinates
-            kept = self._response = gaps.frozen_stage, RowResponse(G, push, F, G[:: self.rows.d])
+            kept = self._response = gaps.stage, RowResponse(G, push, F, G[:: self.rows.d])
         return kept[1]
 
     def predict(self, last: ForwardAnswer, start: Start, step: float) -> Prediction:
@@ -303,7 +303,7 @@ class ForwardRows:
         least = smallest(gap)
         if not isinstance(rows, TangentialRows):
             return Prediction(gap[:, None], least, end, q_tt, step, jump, fading, frozen_steps, pose)
-        now, way = gaps.evaluated_pose, np.zeros((len(gap), rows.d - 1))
+        now, way = gaps.stage.pose, np.zeros((len(gap), rows.d - 1))
         if least < gaps.size:
             rows.record_places_at(q, now if pose is None else pose)
             way = rows.way()
@@ -315,7 +315,7 @@ class ForwardRows:
 
         The rest are `jump`, `fading` and `frozen_steps` after the step, see `ForwardState`.
         """
-        gaps, frozen, nodes = self.gaps, self.gaps.linear, self.gaps.row_nodes
+        gaps, frozen, nodes = self.gaps, self.gaps.stage.linear, self.gaps.row_nodes
         gap = gaps.at(end)
         jump, fading, frozen_steps = state.jump, state.fading, state.frozen_steps + 1
         if fading < 1.0:

@@ -117,7 +117,7 @@ class HertzStep:
 
     @FoundOnce
     def _curve(self) -> HertzCurve:
-        return self._law.curve(self._law.gaps.share or 1.0)
+        return self._law.curve(self._law.gaps.spot_stage.share or 1.0)
 
     def begin(self) -> HertzTouch:
         """See `PointStep`."""

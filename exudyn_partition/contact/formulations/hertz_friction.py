@@ -153,7 +153,7 @@ class Springs:
             return None
         ends = self._ends(max(since, reach))
         width, directions = np.diff(ends), self._ways @ np.array([spoke, [-spoke[1], spoke[0]]])
-        (before, _), (now, slope) = (_free_way(ends, a) for a in (since, reach))
+        (before, _), (now, slope) = (_integrals_of_free_way(ends, a) for a in (since, reach))
         ways = []
         for along in (now - before, slope * reach / (3 * force)):
             mean = np.divide(np.diff(along), width, out=np.zeros_like(width), where=width > 0.0)
@@ -198,7 +198,7 @@ def spokes_of(mismatch: float) -> int:
     return _SPOKES if abs(mismatch) > _ALIKE else 1
 
 
-def _free_way(x: Array, a: float) -> tuple[Array, Array]:
+def _integrals_of_free_way(x: Array, a: float) -> tuple[Array, Array]:
     """Integrals from 0 to x of W in `Springs.driven`, and of its derivative by a; outside W stays as at the edge."""
     if not a:
         return 2 / 3 * x**3, np.zeros_like(x)
@@ -494,7 +494,7 @@ class HertzFriction(Law):
     def __init__(self, rows: RowDirections) -> None:
         assert isinstance(rows, SpotDirections)
         self.rows, self.gaps = rows, rows.gaps
-        self._mismatch = self.gaps.mismatch if self.gaps.round else 0.0
+        self._mismatch = self.gaps.own.mismatch if self.gaps.own.circular else 0.0
         spokes = spokes_of(self._mismatch)
         self.memory = 2 * (_SPRINGS * spokes + (spokes > 1))  # forces, and the direction of the first spoke
         self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
@@ -508,19 +508,19 @@ class HertzFriction(Law):
         """Force by approach of a share of the contact, flexibility without that of the point, (3, 3) [m/N], springs."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking
         series = F + np.diag([lacking[0], lacking[1], lacking[1]])
-        contact, then, known = self.gaps.contact, self.gaps.contact_then, self._known
+        contact, then, known = self.gaps.contact, self.gaps.spot_rows.contact, self._known
         if known is None or known[1:3] != (contact, share) or not np.array_equal(known[0], series):
             known = self._known = series, contact, share, HertzCurve(float(series[0, 0]), contact, share)
         if self._springs is None or self._springs[0] != then:
-            self._springs = then, Springs(then.sphere, then.modulus, self.gaps.shear, self._mismatch)
+            self._springs = then, Springs(then.sphere, then.modulus, self.gaps.spot_rows.shear, self._mismatch)
         return known[3], series, self._springs[1]
 
     def yielding(self, share: float | None = None) -> Yielding:
         """How bodies yield beside the contact, of which a share is on the present faces; by default that of now."""
-        curve, F, springs = self._curve(share or self.gaps.share or 1.0)
+        curve, F, springs = self._curve(share or self.gaps.spot_stage.share or 1.0)
         turn, curved, fixed = self.gaps.stage.once(("point", self.rows.axis), self._axes)
         return Yielding(
-            curve, springs, self.gaps.contact_then, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T,
+            curve, springs, self.gaps.spot_rows.contact, turn @ F[1:, 0], turn @ (F[1:, 1:] + fixed) @ turn.T,
             turn @ curved @ turn.T, turn,
         )  # fmt: skip
 
@@ -528,7 +528,8 @@ class HertzFriction(Law):
         """Axes of the ellipse as rows, (2, 2), and what curved bodies add, (2, 2) [m/N], see `SpotGaps.curved`."""
         tangents = self.rows.tangents[0]
         curved, fixed = self.gaps.curved(tangents)
-        if self.gaps.round or self.gaps.even:  # also where other faces, that share the contact, make an ellipse of it
+        # Also where other faces, that share the contact, make an ellipse of it.
+        if self.gaps.own.circular or self.gaps.spot_rows.even:
             return np.eye(2), curved, fixed
         along = tangents @ self.gaps.long_axis
         along /= np.linalg.norm(along)
@@ -561,8 +562,8 @@ class HertzFriction(Law):
     @property
     def left_out(self) -> list[str]:
         """See `Law`."""
-        said, mismatch = [*LEFT_OUT, "friction against spin about the line of contact"], abs(self.gaps.mismatch)
-        if mismatch > _ALIKE and not self.gaps.round:
+        said, mismatch = [*LEFT_OUT, "friction against spin about the line of contact"], abs(self.gaps.own.mismatch)
+        if mismatch > _ALIKE and not self.gaps.own.circular:
             said.append(
                 "the slip at the edge of an elliptic contact that normal forces cause between bodies of different "
                 f"stiffness, rigid ones too (Dundurs' constant {mismatch:.2g}): where it would stick, it is too stiff "

@@ -279,7 +279,7 @@ class StepImpulses:
             If gaps are not finite.
         """
         q, q_t, step, gaps = motion.q, motion.q_t, motion.step, self.gaps
-        state = np.concatenate([q, q_t, gaps.carrier_pose, gaps.carrier_motion])
+        state = np.concatenate([q, q_t, gaps.carrier.pose, gaps.carrier.motion])
         evaluated = last.iterate.evaluated
         if evaluated is not None and evaluated[0] == step and np.array_equal(evaluated[1], state):
             return last
@@ -374,10 +374,10 @@ class StepImpulses:
         gaps = self.gaps
         h: Array = line.gap + line.rows @ gaps.sides.way(line.place, ahead)
         if gaps.carried:
-            now, then = gaps.carrier_pose, gaps.evaluated_pose
+            now, then = gaps.carrier.pose, gaps.stage.pose
             turn = Rotation.from_matrix(now[3:].reshape(3, 3) @ then[3:].reshape(3, 3).T).as_rotvec()
-            way = np.concatenate([now[:3] - then[:3], turn]) + _AHEAD * step * gaps.carrier_motion
-            h = h + gaps.carrier_rows(np.arange(len(h))) @ way
+            way = np.concatenate([now[:3] - then[:3], turn]) + _AHEAD * step * gaps.carrier.motion
+            h = h + gaps.carrier.rows(gaps.stage, gaps.present.places[0]) @ way
         return h
 
     def _ahead(self, start: ImpulseState, ahead: Array, step: float) -> Array:

@@ -350,13 +350,14 @@ class YieldingPatches(Zones):
 
     def _rows_of(self, rows: Rows, side: int) -> Array:
         """Rows on the flexibility coordinates of a side's patch, (d nr, r)."""
-        stays = rows.gaps.constant_rows
+        gaps = rows.gaps
+        stays = not gaps.moving or (side == 0 and gaps.slave.normal_only)  # no normals, and points keep their nodes
         kept = self._side_rows.get(side)
-        if kept is not None and stays is not None and kept[0] is stays:
+        if stays and kept is not None and kept[0] == gaps.stage.rows:
             return kept[1]
         on_coordinates = rows.side_rows(side)
         on_coordinates = on_coordinates if isinstance(on_coordinates, np.ndarray) else on_coordinates.toarray()
-        self._side_rows[side] = stays, on_coordinates
+        self._side_rows[side] = gaps.stage.rows if stays else None, on_coordinates
         return on_coordinates
 
 

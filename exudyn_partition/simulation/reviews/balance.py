@@ -21,7 +21,7 @@ from ...frames.floating import FloatingKinematics
 from ...support.arrays import Array
 from ...support.foreign import MainSystem
 from ..result import Result, called
-from .reviewed_run import BodyHistory, Finding, ReviewedRun, lengths, size_of
+from .reviewed_run import Finding, ReviewedBody, ReviewedRun, lengths, size_of
 
 OFF = 1e-2  # share of the bodies' largest energy, or largest change of momentum, that may be missing
 _TAKEN = 2e-2  # share of the largest energy that damping of steps, and strong damping of modes, may take
@@ -126,7 +126,7 @@ def _damping(run: ReviewedRun, energies: Balance) -> Iterator[Finding]:
         )
 
 
-def _by_strong_damping(body: BodyHistory, result: Result) -> float:
+def _by_strong_damping(body: ReviewedBody, result: Result) -> float:
     """Energy that strong damping of modes took from a body [J]."""
     dampings = [
         (since, damping) for since, damping in result.dampings_of(body.item) if isinstance(damping, ModeDamping)
@@ -140,7 +140,7 @@ def _by_strong_damping(body: BodyHistory, result: Result) -> float:
     return float(damping_work(result, body.q, body.q_t, dampings, power)[-1])
 
 
-def _momenta(run: ReviewedRun, bodies: Sequence[BodyHistory], judged: Array) -> Iterator[Finding]:
+def _momenta(run: ReviewedRun, bodies: Sequence[ReviewedBody], judged: Array) -> Iterator[Finding]:
     """Momenta of bodies that do not match contacts and gravity, where nothing else acts on them."""
     if not has_all_steps(run.result):
         return  # the forces between samples are not known

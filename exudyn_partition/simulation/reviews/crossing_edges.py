@@ -20,7 +20,7 @@ from ...support.arrays import Array
 from ...support.once import once
 from ...surfaces.surface import Surface, closest_points
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly, surface_of
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun, evenly, surface_of
 
 _LOOKED_AT, _STARTS = 64, 16  # largest number of samples, and of times of contact, at which nodes are checked
 _WITHIN = 0.01  # depth of an edge within another body, as a share of a facet's size
@@ -30,13 +30,13 @@ _ASIDE = 0.1  # by that much (a sine) may edges pass each other beside the direc
 _NOWHERE = 0.0, np.zeros(3)
 
 
-def looked_at(run: ReviewedRun, history: ContactHistory) -> Array:
+def looked_at(run: ReviewedRun, history: ReviewedContact) -> Array:
     """Samples at which nodes are checked, among them those before the first times of contact, (k,) int.
 
     Until the load steps of a press fit have closed its overlap, surfaces lie within each other as they are meant to.
     """
     n = len(history.force)
-    if history.contact.mechanics.gaps.pressed and run.result.method == "static":
+    if history.contact.mechanics.gaps.placement.pressed and run.result.method == "static":
         return np.arange(n)[-1:] if run.result.status == "finished" else np.empty(0, dtype=int)
     starts = [first - 1 for first, _ in history.spans[:_STARTS] if first > 0]
     return np.union1d(np.array(starts, dtype=int), evenly(n, _LOOKED_AT))
@@ -58,7 +58,7 @@ def crossing_edges(run: ReviewedRun) -> Iterator[Finding]:
             yield from _crossing(run, history)
 
 
-def _crossing(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
+def _crossing(run: ReviewedRun, history: ReviewedContact) -> Iterator[Finding]:
     """Finding on edges of the two sides of a contact that cross, away from rows that hold them."""
     contact, result = history.contact, run.result
     surfaces = [surface_of(item.body, number) for item, number in contact.sides]

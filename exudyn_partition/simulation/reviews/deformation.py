@@ -11,7 +11,7 @@ from ...reduction.buckling import Link, compression, links, squared_slope
 from ...support.arrays import Array
 from ...support.once import once
 from ..result import called, when
-from .reviewed_run import LARGEST_DEFORMATION, BodyHistory, Finding, ReviewedRun, lengths
+from .reviewed_run import LARGEST_DEFORMATION, Finding, ReviewedBody, ReviewedRun, lengths
 
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
 LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
@@ -24,7 +24,7 @@ _LASTING, _LARGEST_RINGING = 1000.0, 0.1  # rad, phase of a vibration that lasts
 _LOOKED_AT = 256  # largest number of samples of which energies are taken
 
 
-def unbounded(body: BodyHistory) -> Array:
+def unbounded(body: ReviewedBody) -> Array:
     """Samples that have lost their meaning, (n,) bool.
 
     Coordinates are not finite, or deformation is large and the energy grows without limit. Unstable steps multiply the

@@ -15,7 +15,7 @@ from ...support.arrays import Array
 from ...support.once import once
 from ...surfaces.surface import closest_points
 from ..result import called
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly, size_of
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun, evenly, size_of
 
 _SAMPLES, _NODES = 32, 300  # largest numbers of samples, and of nodes beside patches, that are looked at
 _WAYS = 200  # directions in which a body reaches furthest with a corner, which may be the first to enter
@@ -41,7 +41,7 @@ def passing(run: ReviewedRun) -> Iterator[Finding]:
 
 
 def _entered(
-    run: ReviewedRun, history: ContactHistory, met: Mapping[tuple[PartitionBody, int], frozenset[int]]
+    run: ReviewedRun, history: ReviewedContact, met: Mapping[tuple[PartitionBody, int], frozenset[int]]
 ) -> Iterator[Finding]:
     """Finding on a body of a contact that has entered the other side beside its patches.
 

@@ -12,7 +12,7 @@ from ...errors import ContactPatchWarning, UnitsWarning
 from ...exudyn_bodies.partition_body import PartitionBody
 from ...support.arrays import Array
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, size_of, surface_of
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun, size_of, surface_of
 
 ASIDE = np.radians(30)  # angle from a patch's line of contact, or from the normals of its nodes
 _SHARE_ASIDE = 0.1  # of the force that may be beyond this angle from the normals
@@ -85,7 +85,7 @@ def off_line(item: PartitionBody, number: int, q: Array, force: Array) -> float:
     return math.atan2(math.sqrt(max(float(force @ force) - along**2, 0.0)), along)
 
 
-def _off_normals(run: ReviewedRun, history: ContactHistory, side: int, top: int) -> Iterator[Finding]:
+def _off_normals(run: ReviewedRun, history: ReviewedContact, side: int, top: int) -> Iterator[Finding]:
     """Forces aside from the normals of their nodes, at the sample `top`: at sharp edges these are means."""
     contact, result = history.contact, run.result
     now, (item, number) = result.at(result.t[[top]]), contact.sides[side]
@@ -117,7 +117,7 @@ def missed(run: ReviewedRun) -> Iterator[Finding]:
             yield far
         elif (sunk := _sunk(run, history)) is not None:
             yield sunk
-        elif not gaps.faced:  # bodies that turn may do so later
+        elif not gaps.placement.faced:  # bodies that turn may do so later
             patch = gaps.slave.surface
             yield Finding(
                 f"{called(contact)} never closed, and at the start the slave's patch, at {patch.points.mean(axis=0)} m "
@@ -127,7 +127,7 @@ def missed(run: ReviewedRun) -> Iterator[Finding]:
             )
 
 
-def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
+def _sunk(run: ReviewedRun, history: ReviewedContact) -> Finding | None:
     """Surfaces that lie within each other where their rows come nearest, although none closes; None if they do not.
 
     Rows are means around nodes: those of a narrow tip close when it has sunk by a part of its facets' depth. Beside
@@ -148,7 +148,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory) -> Finding | None:
     )
 
 
-def _far(run: ReviewedRun, history: ContactHistory) -> Finding | None:
+def _far(run: ReviewedRun, history: ReviewedContact) -> Finding | None:
     """Surface that is far away, compared with the size of the bodies, and stays there; None if there is none."""
     contact = history.contact
     places = [

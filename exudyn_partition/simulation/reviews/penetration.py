@@ -18,7 +18,7 @@ from ...surfaces.facing import PENETRATION_TOLERANCE
 from ...surfaces.surface import Surface
 from ..result import called, when
 from .crossing_edges import looked_at, neighbours
-from .reviewed_run import BodyHistory, ContactHistory, Finding, ReviewedRun, surface_of
+from .reviewed_run import Finding, ReviewedBody, ReviewedContact, ReviewedRun, surface_of
 
 ENERGY = 1e-2  # energy that overlap at the start may store, as a share of the bodies' largest energy
 _MOVED = 0.1  # share of the stored energy: with less kinetic energy, bodies rest on each other and do not fly apart
@@ -58,7 +58,7 @@ def overlap(run: ReviewedRun) -> Iterator[Finding]:
             continue
         within = ", within the tolerance of meshes" if depth <= PENETRATION_TOLERANCE * size else ""
         remedy = "Move one by that much (referencePosition, or the initial coordinates)"
-        if contact.mechanics.gaps.pressed:
+        if contact.mechanics.gaps.placement.pressed:
             remedy = "Press them together first, by ep.solve_static(mbs, update_initial=True)"
         yield Finding(
             f"{called(contact)} starts with an overlap of {depth:.3g} m{within}, but {energy}: it throws them apart. "
@@ -96,11 +96,11 @@ def sinking(run: ReviewedRun) -> Iterator[Finding]:
     """Corners and edges that sink into a rigid surface before a mean gap around them closes."""
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
-        if isinstance(gaps, RigidGaps) and not gaps.points.nodal:
+        if isinstance(gaps, RigidGaps) and not gaps.all_points.nodal:
             yield from _sunk(run, history, gaps)
 
 
-def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterator[Finding]:
+def _sunk(run: ReviewedRun, history: ReviewedContact, gaps: RigidGaps) -> Iterator[Finding]:
     """Finding on nodes of a patch that have sunk into a rigid surface between rows."""
     contact, result, (item, number) = history.contact, run.result, history.contact.sides[0]
     surface = surface_of(item.body, number)
@@ -153,7 +153,7 @@ def _sunk(run: ReviewedRun, history: ContactHistory, gaps: RigidGaps) -> Iterato
     )
 
 
-def _largest_depths(history: ContactHistory, gaps: RigidGaps, body: BodyHistory) -> Array:
+def _largest_depths(history: ReviewedContact, gaps: RigidGaps, body: ReviewedBody) -> Array:
     """Depths in a rigid surface that nodes cannot have exceeded, (np,) [m]: those at the start, and the body's way.
 
     They are not known if the surface moves, or if dents move the nodes.

@@ -20,7 +20,7 @@ from ...exudyn_contacts.contact_samples import growing_at
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...support.arrays import Array
 from ..result import called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, evenly
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun, evenly
 
 _SAMPLES = 3  # that are looked at beside the largest force: each takes a search as at the start of a run
 _DEEP = 0.25  # depth of a row without force by the largest depth without flexibility; near edges, 0.1 is usual
@@ -33,7 +33,7 @@ def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
     """
     for history in run.contacts:
         gaps = history.contact.mechanics.gaps
-        if gaps.overlap and run.result.method == "static":
+        if gaps.placement.overlap and run.result.method == "static":
             continue
         guessed = isinstance(gaps, PatchGaps) and gaps.guesses(shared=len(history.contact.group) > 1)
         elastic = history.contact.mechanics.law.residual and history.contact.mechanics.zones is None
@@ -41,7 +41,7 @@ def pushed_shut(run: ReviewedRun) -> Iterator[Finding]:
             yield from _not_followed(run, history)
 
 
-def _not_followed(run: ReviewedRun, history: ContactHistory) -> Iterator[Finding]:
+def _not_followed(run: ReviewedRun, history: ReviewedContact) -> Iterator[Finding]:
     contact, closed = history.contact, np.flatnonzero(history.force)
     samples = np.unique(np.append(closed[evenly(len(closed), _SAMPLES)], history.force.argmax()))
     try:
@@ -86,7 +86,7 @@ def _forces_beside(
 
 
 def _depth_without_row(
-    run: ReviewedRun, history: ContactHistory, sample: int, pushed: dict[tuple[PartitionBody, int], Array]
+    run: ReviewedRun, history: ReviewedContact, sample: int, pushed: dict[tuple[PartitionBody, int], Array]
 ) -> float:
     """Largest depth of a row without a force at a sample [m], with all nodes where forces `pushed` move them.
 

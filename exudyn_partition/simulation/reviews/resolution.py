@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...exudyn_contacts.partition_contact import PartitionContact
 from ...prediction.point_contact import PointContact
 from ..result import Result, called, when
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun
 
 _LARGE = 0.1  # share of the largest impulse: smaller impacts are not checked
 _STEPS_AN_IMPACT = 8  # fewer implicit steps do not resolve an impact
@@ -98,7 +98,7 @@ def few_rows(run: ReviewedRun) -> Iterator[Finding]:
         )
 
 
-def _has_few_rows(history: ContactHistory, top: int, result: Result) -> bool:
+def _has_few_rows(history: ReviewedContact, top: int, result: Result) -> bool:
     """Whether a contact has few closed rows at its peak, of more, and does not just begin."""
     contact, closed = history.contact, history.closed_rows[top]
     if history.force[top] <= 0.0 or not 0 < closed <= SOME_ROWS:
@@ -110,7 +110,7 @@ def _has_few_rows(history: ContactHistory, top: int, result: Result) -> bool:
     return contact.beside is None or bool(contact.beside.force(result)[top] <= history.force[top])
 
 
-def _sunk_before(result: Result, history: ContactHistory, top: int) -> str:
+def _sunk_before(result: Result, history: ReviewedContact, top: int) -> str:
     """Sentence on how deep surfaces lay within each other before a row closed, if deeper than at the peak it presses.
 
     Integrated rows are means around nodes, and a narrow tip sinks between them.

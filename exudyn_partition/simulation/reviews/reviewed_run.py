@@ -45,7 +45,7 @@ class Finding:
     category: type[Warning] | None = ModelLimitWarning
 
 
-class BodyHistory:
+class ReviewedBody:
     """A body in a run. What reviews ask for is found once.
 
     Parameters
@@ -120,7 +120,7 @@ class BodyHistory:
         return value
 
 
-class ContactHistory:
+class ReviewedContact:
     """A contact in a run. What reviews ask for is found once.
 
     Parameters
@@ -180,7 +180,7 @@ class ContactHistory:
         if (axes := self.contact.mechanics.law.semi_axes(float(self.force[sample]))) is not None:
             return math.sqrt(math.prod(axes))
         nodes, forces = self.rows.at_sample(sample)
-        return math.sqrt(float(self.contact.mechanics.node_areas[nodes[forces > 0]].sum()) / math.pi)
+        return math.sqrt(float(self.contact.mechanics.gaps.all_points.node_areas[nodes[forces > 0]].sum()) / math.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,22 +209,22 @@ class ReviewedRun:
     solver: Solver | None = None
 
     @FoundOnce
-    def bodies(self) -> list[BodyHistory]:
+    def bodies(self) -> list[ReviewedBody]:
         """All bodies of the model."""
-        return [BodyHistory(item, self.result) for item in self.result.bodies]
+        return [ReviewedBody(item, self.result) for item in self.result.bodies]
 
     @FoundOnce
-    def contacts(self) -> list[ContactHistory]:
+    def contacts(self) -> list[ReviewedContact]:
         """All contacts of the model whose sides were near each other."""
         result = self.result
         near = (contact for contact in result.contacts if not result.runs or result.kept(contact).near)
-        return [ContactHistory(contact, result) for contact in near]
+        return [ReviewedContact(contact, result) for contact in near]
 
     @FoundOnce
-    def _histories(self) -> dict[PartitionBody, BodyHistory]:
+    def _histories(self) -> dict[PartitionBody, ReviewedBody]:
         return {body.item: body for body in self.bodies}
 
-    def body(self, item: PartitionBody) -> BodyHistory:
+    def body(self, item: PartitionBody) -> ReviewedBody:
         """History of a body of the model."""
         return self._histories[item]
 
@@ -263,7 +263,7 @@ def surface_of(body: ReducedBody, patch: int) -> Surface:
 
 
 def deformed_share(item: PartitionBody, q: Array, deformed: Array) -> Array:
-    """See `BodyHistory.deformed_share`: at coordinates q, and at those of the deformation alone, (n, n_dofs) each."""
+    """See `ReviewedBody.deformed_share`: at coordinates q, and at those of the deformation alone, (n, n_dofs) each."""
     body, motion = item.body, abs(deformed)
     of_nodes = motion[:, body.n_shapes :].max(axis=1, initial=0.0) / size_of(body)
     bound: Array = motion[:, : body.n_shapes] @ _largest_motions(body) + of_nodes

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...results.impacts import rings_by_facets
 from ..result import Result, called
-from .reviewed_run import ContactHistory, Finding, ReviewedRun
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun
 
 _TO_DAMP, _DAMPS = 0.3, 0.35  # spectral radius that damps unresolved ringing, and one from which on it need be smaller
 _LISTED = 5  # largest number of contacts that a finding lists
@@ -44,7 +44,7 @@ def ringing(run: ReviewedRun) -> Iterator[Finding]:
     )
 
 
-def _by_facets(run: ReviewedRun, history: ContactHistory) -> Finding | None:
+def _by_facets(run: ReviewedRun, history: ReviewedContact) -> Finding | None:
     """Finding on passing facets that excite a body near its frequency on the contact; None if none do."""
     contact, result = history.contact, run.result
     sides = contact.mechanics.gaps.sides
@@ -79,7 +79,7 @@ def damping_steps(result: Result, frequency: float) -> str:
     return f", or {implicit}{' and '.join(damps)}, which take energy, as the report tells"
 
 
-def _sliding_speed(run: ReviewedRun, history: ContactHistory) -> float | None:
+def _sliding_speed(run: ReviewedRun, history: ReviewedContact) -> float | None:
     """Median speed at which two bodies slide along each other at the contact [m/s]; None if it is not known."""
     contact, on_slave = history.contact, history.force_on_slave
     pressed = np.flatnonzero(on_slave.any(axis=1))

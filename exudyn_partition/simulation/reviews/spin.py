@@ -24,7 +24,7 @@ from ...reduction.buckling import mean_over
 from ...support.arrays import Array
 from ...support.foreign import MainSystem
 from ..result import called
-from .reviewed_run import BodyHistory, Finding, ReviewedRun, size_of
+from .reviewed_run import Finding, ReviewedBody, ReviewedRun, size_of
 
 _GROWTH = 0.01  # of a marker's place by rotation, by what its body's coordinates deform it there, which warns
 _LEAST_GROWTH = 1e-5  # by the body's size, below which it is a matter of small stress
@@ -46,7 +46,7 @@ def spin(run: ReviewedRun) -> Iterator[Finding]:
                 yield from _stiffening_by_spin(run, body, item.kinematics)
 
 
-def _stiffening_by_spin(run: ReviewedRun, body: BodyHistory, kinematics: FloatingKinematics) -> Iterator[Finding]:
+def _stiffening_by_spin(run: ReviewedRun, body: ReviewedBody, kinematics: FloatingKinematics) -> Iterator[Finding]:
     """Finding on a body whose rotation would stiffen it against bending by more than a small share."""
     result, item = run.result, body.item
     rotation = body.q_t[:, 3:6] @ kinematics.node_axes.T

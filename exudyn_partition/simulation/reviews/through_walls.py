@@ -21,7 +21,7 @@ from ...surfaces.facing import EDGE_TOLERANCE
 from ...surfaces.surface import Surface, closest_points
 from ...surfaces.witnesses import witnesses_of
 from ..result import called
-from .reviewed_run import ContactHistory, Finding, ReviewedRun, surface_of
+from .reviewed_run import Finding, ReviewedContact, ReviewedRun, surface_of
 
 _LOOKS = 0.5  # cosine from which on a face looks the way of a node's normal, and below whose negative it meets the node
 _OTHERS = 2.0  # times the way of a step: by more depth than that, the deepest row is another one
@@ -43,7 +43,7 @@ def through_walls(run: ReviewedRun) -> Iterator[Finding]:
             yield from itertools.islice(itertools.chain(*(_passed(run, history, wall) for wall in walls)), 1)
 
 
-def _passed(run: ReviewedRun, history: ContactHistory, wall: int) -> Iterator[Finding]:
+def _passed(run: ReviewedRun, history: ReviewedContact, wall: int) -> Iterator[Finding]:
     """Whether a body came out of the back of one of a contact's sides; the second may be a rigid surface."""
     contact, t = history.contact, run.result.t
     surfaces = [surface_of(item.body, number) for item, number in contact.sides]

@@ -35,7 +35,7 @@ def closing_state(law, bodies, depth, seed=0):
     rng = np.random.default_rng(seed)
     n = [body.n_dofs for body in bodies]
     q = np.concatenate([-depth * bodies[0].rigid[:, 2], np.zeros(n[1])])
-    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.gaps.linear.H).max() / np.sqrt(sum(n))
+    return q + 0.2 * depth * rng.standard_normal(sum(n)) / abs(law.gaps.stage.linear.H).max() / np.sqrt(sum(n))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -48,7 +48,7 @@ def test_contact_force_jacobian_and_potential_against_finite_differences(law, bo
     rng = np.random.default_rng(seed)
     for _ in range(3):
         d = rng.standard_normal(len(q))
-        d *= 1e-5 * depth / abs(law.gaps.linear.H @ d).max()
+        d *= 1e-5 * depth / abs(law.gaps.stage.linear.H @ d).max()
         slope = law.at(q + d).generalised - law.at(q - d).generalised
         assert relative(-2 * tangent @ d, slope) < 1e-5
         work = law.at(q + d).stored - law.at(q - d).stored
@@ -102,7 +102,7 @@ def test_rows_that_bulge_shut_are_closed(round_body, flat_body, monkeypatch, eac
     h = np.linspace(-1e-6, 3e-6, len(law.gaps.at(q)))
     if on_demand:
         h[(h > 0.11e-6) & (h < 0.3e-6)] = 2e-6
-        monkeypatch.setattr(PatchGaps, "on_demand", True)
+        law.gaps.sides.on_demand = True
     pushed = h < -depths * h.min()
     F = 1e-9 * (np.eye(len(h)) - 0.95 / pushed.sum() * np.outer(pushed, pushed))
     flexible = RowFlexibility(F)
@@ -189,8 +189,8 @@ def test_forces_that_were_kept_are_put_on_the_nodes_again(round_body, flat_body,
     )
     for again, told in zip(found, law.evaluation.nodal_forces(), strict=True):
         np.testing.assert_allclose(again, told, rtol=0, atol=1e-4 * abs(told).max())
-    place, nodes = law.evaluation.edge_reached(), law.gaps.centre + law.gaps.places_now()[0]
-    closed_at_edge = law.gaps.row_nodes[index[np.isfinite(law.gaps.leaves_at[index])]]
+    place, nodes = law.evaluation.edge_reached(), law.gaps.centre + law.gaps.present.places[0]
+    closed_at_edge = law.gaps.row_nodes[index[np.isfinite(law.gaps.stage.rows.leaves_at[index])]]
     assert abs(nodes[closed_at_edge] - place).max(axis=1).min() == 0.0
     law.closing(0.0 * q, 0.0 * q, 0.0 * q)  # as a run asks whose bodies have parted
     assert len(law.evaluation.lam) == len(law.gaps.row_nodes)

@@ -30,11 +30,11 @@ class Runaway:
 
     carried = remembers = elastic = begun = False
     d = 1
-    friction, since, overlap, yielding = None, 0.0, 0.0, None
-    node_areas, memory = np.ones(1), SimpleNamespace(forces=np.zeros((1, 1)), closed=False)
+    friction, since, yielding, placement = None, 0.0, None, SimpleNamespace(overlap=0.0)
+    memory = SimpleNamespace(forces=np.zeros((1, 1)), closed=False)
 
     def __init__(self):
-        self.gaps = self.rows = self.state = self.evaluation = self
+        self.gaps = self.rows = self.state = self.evaluation = self.anchoring = self
         self.reset()
 
     def reset(self):
@@ -106,7 +106,7 @@ def test_a_contact_that_opens_pushes_no_longer():
 class Roaming(Spring):
     """The same with one row, at a node that its coordinates name."""
 
-    node_areas, row_nodes = np.ones(2), np.zeros(1, dtype=int)
+    row_nodes = np.zeros(1, dtype=int)
 
     @property
     def last(self):
@@ -164,7 +164,7 @@ def test_rows_that_a_neighbour_has_again_have_pushed_nothing_in_the_last_step():
 def test_contacts_with_friction_that_a_run_resumes_have_other_rows_than_forces():
     """Where they stand is known then, and forces are not yet; such runs used to end with a raw error."""
     laws = [Listener(), Roaming()]
-    laws[0].node_areas, laws[0].row_nodes, laws[0].lam = np.ones(3), np.arange(3), np.zeros(2)
+    laws[0].row_nodes, laws[0].lam = np.arange(3), np.zeros(2)
     links = [(0, 0, 1, 0, np.ones((3, 1))), (1, 0, 0, 0, np.ones((1, 3)))]
     together = CoupledZones(laws, lambda: links).for_run(laws)
     np.testing.assert_allclose(together.forces([np.zeros(1), np.array([0.0, -2.0])])[1], [2.0])

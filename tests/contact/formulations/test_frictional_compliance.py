@@ -199,7 +199,7 @@ def test_forces_turn_with_a_pair_that_turns_as_a_whole(round_body, flat_body, fo
     np.testing.assert_allclose(law.evaluation.traction, before @ R.T, atol=1e-4 * lam.max())
     assert abs(law.evaluation.slips[law.evaluation.index]).max() < 1e-4 * DEPTH
     sides = [
-        *zip(law.gaps.places_now(), law.evaluation.nodal_forces(), strict=True)
+        *zip(law.gaps.present.places, law.evaluation.nodal_forces(), strict=True)
     ]  # action and reaction are on one line
     assert abs(sum(force.sum(axis=0) for _, force in sides)).max() < 1e-9 * lam.sum()
     moments = sum(np.cross(np.nan_to_num(place), force).sum(axis=0) for place, force in sides)

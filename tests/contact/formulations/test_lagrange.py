@@ -37,7 +37,7 @@ def test_multipliers_notice_a_solver_that_is_not_central_differences(nodal):
     h, rows = 1e-9, ForwardRows(law)
     together = ForwardIncrement([rows], [np.arange(len(q))])
     (c,), answers = together.increment([rows.begin()], [(q, v, 0 * q)], h)
-    gap = gaps.linear.start + gaps.linear.H @ (q + h * (v + h * c))
+    gap = gaps.stage.linear.start + gaps.stage.linear.H @ (q + h * (v + h * c))
     assert gap.min() > -1e-18
     together.increment(answers, [(q + h * (v + h * c), v, 0 * q)], h)  # the step that central differences take
     with pytest.raises(RunError, match="needs Exudyn's explicit solver VelocityVerlet"):
@@ -57,18 +57,18 @@ class FlatSides(tuple):
 class FlatRows:
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    n, size, moving, linear, row_nodes, sides, q = 2, 1.0, False, None, np.arange(40), FlatSides(), None
+    n, size, moving, row_nodes, sides = 2, 1.0, False, np.arange(40), FlatSides()
     H = np.column_stack([np.ones(40), np.linspace(-1, 1, 40)])
     slave = SimpleNamespace(surface=SimpleNamespace(points=np.zeros((40, 3))))
 
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
 
-    present = SimpleNamespace(
-        stage=SimpleNamespace(
-            rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
-        )
-    )
+    stage = SimpleNamespace(
+        linear=None, rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)),
+        resultant=lambda lam: np.array([0.0, 0.0, lam.sum()]),
+    )  # fmt: skip
+    present = SimpleNamespace(stage=stage, q=None)
 
     def return_to(self, present):
         """The rows are never elsewhere."""
@@ -77,10 +77,7 @@ class FlatRows:
         self.accepted = state
 
     def begin(self, state=None):
-        self.accepted, self.frozen_stage = self.after(), self
-
-    def frozen_since(self, stage):
-        return stage == self.frozen_stage
+        self.accepted = self.after()
 
     def at(self, q):
         return self.H @ q

@@ -64,7 +64,7 @@ def pull_off(brick, method="explicit", frame="inertial", on_brick=False, speed=1
 )
 def test_the_work_of_separation_is_the_area_under_the_curve(brick, method, frame, on_brick):
     result, items, contact = pull_off(brick, method, frame, on_brick)
-    area = contact.mechanics.node_areas.sum()
+    area = contact.mechanics.gaps.all_points.node_areas.sum()
     energy = sum(item.energy(result) for item in items)
     assert contact.force(result).min() < -0.9 * STRENGTH * area
     assert contact.gap(result)[-1] > REACH
@@ -112,7 +112,7 @@ def test_rows_within_reach_are_present(marble, flat_body, frame):
     q = np.hstack([item.coordinates(result) for item in items])
     gaps = contact.mechanics.gaps.fresh()
     for sample in range(0, len(q), 25):
-        rows, _ = gaps.project(*gaps.places(q[sample]))
+        rows, _ = gaps.project(*gaps.sides.places(q[sample]))
         right = -(rows.points.area @ traction(rows.gap))
         assert force[sample] == pytest.approx(right, rel=1e-3, abs=2e-3 * abs(force).max())
     assert abs(energy_by_start(items, contact, result) - 1).max() < 1e-3

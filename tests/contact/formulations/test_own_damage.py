@@ -84,7 +84,7 @@ def test_rows_open_load_and_unload_by_the_curve(brick):
 def test_what_breaks_takes_the_work_of_separation(brick, method):
     mbs, item, contact = glued(brick, 1.5)
     result = ep.solve_dynamic(mbs, end_time=12e-6, step=STEP, method=method)
-    area = contact.mechanics.node_areas.sum()
+    area = contact.mechanics.gaps.all_points.node_areas.sum()
     energy = item.energy(result)
     assert energy[0] - energy[-1] == pytest.approx(TOUGHNESS * area, rel=2e-3)
     assert contact.dissipated_energy(result)[-1] == pytest.approx(TOUGHNESS * area, rel=1e-9)
@@ -101,7 +101,7 @@ def test_glue_that_held_once_is_softer_for_ever(brick):
     peaks = np.flatnonzero((gap[1:-1] > gap[:-2]) & (gap[1:-1] >= gap[2:]) & (gap[1:-1] > BEGINS)) + 1
     assert len(peaks) >= 2
     assert gap.max() < ENDS
-    area = contact.mechanics.node_areas.sum()
+    area = contact.mechanics.gaps.all_points.node_areas.sum()
     again = slice(peaks[0] + 1, peaks[1])  # it opens again, no further than before
     ratio = -force[again] / (area * np.maximum(gap[again], 1e-12))
     pulled = gap[again] > 0.2e-6

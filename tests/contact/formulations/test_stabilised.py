@@ -12,6 +12,7 @@ from oracles import TOP, box, hexahedra, multipliers, relative, write
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.friction import SLIP, STICK
+from exudyn_partition.contact.carrier import Carrier
 from exudyn_partition.contact.formulations.implicit_multipliers import StepImpulses
 from exudyn_partition.contact.gaps import GapState
 from exudyn_partition.contact.patch_gaps import PatchGaps
@@ -303,19 +304,13 @@ class FlatSides(tuple):
 class FlatRows(SimpleNamespace):
     """Gaps of a plate of two coordinates, heave and tilt, on forty rows: all but two are redundant."""
 
-    carried, carrier_pose, carrier_motion = False, np.empty(0), np.empty(0)
+    carried, carrier = False, Carrier()
 
     def begin(self, state=None):
-        self.frozen_stage, self.accepted = self, self.after()
+        self.accepted = self.after()
 
     def after(self):
         return GapState(np.zeros(2), np.empty(0))
-
-    present = SimpleNamespace(
-        stage=SimpleNamespace(
-            rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), resultant=lambda lam: np.array([0.0, 0.0, lam.sum()])
-        )
-    )
 
     def return_to(self, present):
         """The rows are never elsewhere."""
@@ -332,9 +327,6 @@ class FlatRows(SimpleNamespace):
     def jacobian(self, index):
         return self.H[index]
 
-    def acted(self, lam):
-        return lam @ self.H, np.zeros(3)
-
     def flexibility(self, index):
         met = np.linalg.inv(4 / self.step**2 * np.diag(self.mass))
         return self.H[index] @ met @ self.H[index].T
@@ -347,9 +339,14 @@ def flat_rows():
         mass=sp.diags([2.0, 0.5], format="csr"), stiffness=sp.csr_matrix((2, 2)), rows=lambda nodes: np.zeros((120, 2))
     )
     kinematics = SimpleNamespace(body=body, nodes=np.arange(40))
-    side = Side(surface, kinematics)
+    side, H = Side(surface, kinematics), np.column_stack([np.ones(40), x])
+    stage = SimpleNamespace(
+        rows=None, normal=np.tile([0.0, 0.0, 1.0], (40, 1)), acted=lambda lam, q: (lam @ H, np.zeros(3)),
+        resultant=lambda lam: np.array([0.0, 0.0, lam.sum()]),
+    )  # fmt: skip
     return FlatRows(
-        H=np.column_stack([np.ones(40), x]), n=2, row_nodes=np.arange(40), slave=side, sides=FlatSides((side,)),
+        H=H, stage=stage, present=SimpleNamespace(stage=stage, q=None), n=2,
+        row_nodes=np.arange(40), slave=side, sides=FlatSides((side,)),
         moving=False, mass=np.array([2.0, 0.5]), step=1e-3, size=1.0,
     )  # fmt: skip
 

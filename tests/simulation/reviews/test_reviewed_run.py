@@ -11,7 +11,7 @@ import exudyn_partition as ep
 from exudyn_partition.errors import ModelLimitWarning
 from exudyn_partition.simulation.reviews import bending
 from exudyn_partition.simulation.reviews.review import OF_SAMPLES, reviewed
-from exudyn_partition.simulation.reviews.reviewed_run import BodyHistory, Finding, ReviewedRun, evenly
+from exudyn_partition.simulation.reviews.reviewed_run import Finding, ReviewedBody, ReviewedRun, evenly
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def flying(rod, n=1, frame="inertial"):
 def test_no_node_of_the_surface_goes_further_than_the_bound(rod, frame, share):
     """Nor is the bound far above a motion in which the body flies, turns and shakes by a share of its length."""
     _, (item,), result = flying(rod, frame=frame)
-    history, t = BodyHistory(item, result), np.linspace(0, 1, 21)[:, None]
+    history, t = ReviewedBody(item, result), np.linspace(0, 1, 21)[:, None]
     rigid = np.array([1e-3, -2e-3, 5e-3, 0.02, -0.01, 0.03])
     shapes = share * 0.04 / abs(rod.shape_rows(np.unique(rod.facets))).max(axis=0)
     shaken = np.where(np.arange(rod.n_dofs) > 5, shapes, 0.0) * np.sin(np.arange(rod.n_dofs) + 7 * t)
