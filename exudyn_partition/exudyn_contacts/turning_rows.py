@@ -44,12 +44,13 @@ def stiffness_of_turning_rows(mbs: MainSystem, run: ModelRun) -> Array:
 def _ways(member: ContactRun, n: int) -> Array:
     """Ways of n coordinates, first those of the bodies, that hardly move any node of the patches, (n,)."""
     gaps = member.mechanics.gaps
-    start, little = gaps.places(gaps.q), _LITTLE * gaps.size
+    places, here = partial(gaps.sides.places, growing=gaps.growing), gaps.present.q
+    start, little = places(here), _LITTLE * gaps.size
     ways = np.full(n, min(WAY, little))
-    for i in range(len(gaps.q)):
-        q = gaps.q.copy()
+    for i in range(len(here)):
+        q = here.copy()
         q[i] += WAY
-        moved = max(np.nan_to_num(abs(x - x0)).max() for x, x0 in zip(gaps.places(q), start, strict=True))
+        moved = max(np.nan_to_num(abs(x - x0)).max() for x, x0 in zip(places(q), start, strict=True))
         ways[i] = min(WAY, WAY * little / moved) if moved else ways[i]
     return ways
 
