@@ -15,9 +15,14 @@ def private(name):
     return name.startswith("_") and not name.endswith("__") and name not in PUBLIC
 
 
-def reached_for(tree):
+def nodes_of(code):
+    """All nodes of the code's tree, walked once for all rules."""
+    return [*ast.walk(ast.parse(code))]
+
+
+def reached_for(nodes):
     """Private names of other modules and objects that the code mentions, with the lines."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.ImportFrom):
             names = [*(node.module or "").split("."), *(alias.name for alias in node.names)]
         elif isinstance(node, ast.Import):
@@ -32,22 +37,22 @@ def reached_for(tree):
         yield from ((node.lineno, name) for name in names if private(name))
 
 
-def search_path(tree):
+def search_path(nodes):
     """Lines of code that mention the search path."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and node.attr == "path" and getattr(node.value, "id", "") == "sys":
             yield node.lineno
 
 
 def found_by(rule, paths=SCRIPTS):
     """What a rule finds in scripts, by their paths."""
-    found = {str(path.relative_to(ROOT)): [*rule(ast.parse(path.read_text()))] for path in paths}
+    found = {str(path.relative_to(ROOT)): [*rule(nodes_of(path.read_text()))] for path in paths}
     return {path: places for path, places in found.items() if places}
 
 
 def test_nothing_private_is_reached_for_and_the_search_path_stays():
     assert len(SCRIPTS) > 400
-    assert found_by(lambda tree: [*reached_for(tree), *search_path(tree)]) == {}
+    assert found_by(lambda nodes: [*reached_for(nodes), *search_path(nodes)]) == {}
 
 
 @pytest.mark.parametrize(
@@ -55,30 +60,30 @@ def test_nothing_private_is_reached_for_and_the_search_path_stays():
     ["from a import _b", "from a._b import c", "import a._b", "a._b()", "a.b._c = 1", "f.setattr(a, '_b', 1)"],
 )
 def test_the_rule_finds_each_way(code):
-    assert [*reached_for(ast.parse(code))]
+    assert [*reached_for(nodes_of(code))]
 
 
 def test_the_rule_finds_the_search_path():
-    assert [*search_path(ast.parse("import sys\nsys.path.append('a')"))] == [2]
+    assert [*search_path(nodes_of("import sys\nsys.path.append('a')"))] == [2]
 
 
 STARTS = ("Client", "LocalCluster")  # names of what starts a cluster
 LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
 
 
-def opened(tree):
+def opened(nodes):
     """Lines of calls that start a cluster of Dask's on this machine without saying that only it may listen.
 
     They say so by keywords, or by a dict of them that the code names.
     """
     dicts = {
         target.id: node.value
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict)
         for target in node.targets
         if isinstance(target, ast.Name)
     }
-    for node in ast.walk(tree):
+    for node in nodes:
         name = getattr(node.func, "attr", "") or getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
         if name in STARTS and not (name == "Client" and node.args):
             given = {keyword.arg: getattr(keyword.value, "value", None) for keyword in node.keywords if keyword.arg}
@@ -100,4 +105,4 @@ def test_clusters_listen_on_this_machine_alone():
     "code", ["Client()", "distributed.Client(n_workers=2)", "LocalCluster(2, host='127.0.0.1')", "LocalCluster(2)"]
 )
 def test_the_rule_finds_each_cluster(code):
-    assert [*opened(ast.parse(code))]
+    assert [*opened(nodes_of(code))]
