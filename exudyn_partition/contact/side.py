@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from ..algebra.products import congruence
+from ..algebra.products import congruence, weighted_rows
 from ..algebra.sparse.skin_flexibility import Flexibility
 from ..fe.model import node_dofs
 from ..frames.kinematics import STILL, Kinematics, Rows
@@ -140,11 +140,15 @@ class Side:
     def lifted(self, q: Array, forces: Array) -> float:
         """How far forces on its nodes, (np, 3) [N], move a node outwards by its flexibility [m].
 
-        It is zero if they move none outwards. The forces press. The coordinates are q, (n,).
+        It is zero if they move none outwards, and if flexibility is found on demand. The forces press. The coordinates
+        are q, (n,).
         """
+        F = self.flexibility
+        if not isinstance(F, np.ndarray):
+            return 0.0
         if self.normal_only:
-            return -float((self.flexibility @ np.sqrt(np.einsum("id,id->i", forces, forces))).min(initial=0.0))
-        moved = self.flexibility @ self.kinematics.in_frame(q, forces).ravel()
+            return -float(weighted_rows(np.sqrt(np.einsum("id,id->i", forces, forces)), F).min(initial=0.0))
+        moved = weighted_rows(self.kinematics.in_frame(q, forces).ravel(), F)  # it is symmetric; few nodes have forces
         return float(np.einsum("id,id->i", moved.reshape(-1, 3), self._outward_in_frame).max(initial=0.0))
 
     @cached_property

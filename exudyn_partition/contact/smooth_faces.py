@@ -138,6 +138,8 @@ class SmoothFace:
         corners, middles, sizes = self._triangles
         arms = middles - point
         near = np.flatnonzero(np.einsum("fd,fd->f", arms, arms) <= _REACH * sizes**2)  # others are not met
+        if not len(near):
+            return near, np.zeros(0)
         a, b, c = (corners[near, k] - point for k in range(3))
         sides = [cross(one, other) @ normal for one, other in ((a, b), (b, c), (c, a))]
         height = abs(arms[near] @ normal)
