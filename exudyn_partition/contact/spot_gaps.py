@@ -162,7 +162,8 @@ class SpotGaps(Gaps):
         self._start_q = np.zeros(self.n)
         meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier_pose))
         if not self.carried:
-            self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
+            place = self._contact_place(meeting)
+            self.sides = Sides(side.seen_from(place) for side in sides)
         slave = self._makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
         start = Anchor(self._start_q, self.carrier_pose, NOTHING)
