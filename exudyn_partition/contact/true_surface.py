@@ -329,8 +329,7 @@ def _cylinders(x: Array, outward: Array, middles: Array) -> list[RigidCylinder]:
         arm = arms - (values[:2] * scale) @ across
         return np.asarray(np.linalg.norm(arm - np.outer(arm @ along, along), axis=1) / scale - values[4])
 
-    fit = require("scipy.optimize").least_squares
-    best = fit(off, [*(start[:2] / scale), 0.0, 0.0, 1.0], method="lm", xtol=1e-14, ftol=1e-14).x
+    best = require("scipy.optimize").least_squares(off, [*(start[:2] / scale), 0.0, 0.0, 1.0], xtol=1e-14, ftol=1e-14).x
     along, centre, radius = axis + best[2:4] @ across, middle + (best[:2] * scale) @ across, best[4] * scale
     along /= np.linalg.norm(along)
     arm = middles - centre

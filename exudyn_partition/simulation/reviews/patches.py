@@ -86,7 +86,7 @@ def off_line(item: PartitionBody, number: int, q: Array, force: Array) -> float:
 
 
 def _off_normals(run: ReviewedRun, history: ContactHistory, sides: Array, top: int) -> Iterator[Finding]:
-    """Forces on some sides aside from the normals of their nodes, at the sample `top`: these are means at sharp edges."""
+    """Forces on sides aside from the normals of their nodes, at the sample `top`; at sharp edges these are means."""
     contact, result = history.contact, run.result
     now = result.at(result.t[[top]])
     on_nodes = contact.nodal_forces(now)
