@@ -161,11 +161,16 @@ class SpotGaps(Gaps):
         self._start_q = np.zeros(self.n)
         meeting = self._nearest.meeting(self._rough_poses(self._start_q, self.carrier.pose))
         if not self.carried:
-            self.sides = Sides(side.seen_from(self._contact_place(meeting)) for side in sides)
+            place = self._contact_place(meeting)
+            self.sides = Sides(side.seen_from(place) for side in sides)
         slave = self.makers[0].points
         self._row_node = int(np.linalg.norm(slave - meeting.points[0], axis=1).argmin())
-        rows = self._rows_at(Anchor(self._start_q, self.carrier.pose, NOTHING))
-        stage, gap = self._stage_at(rows, rows.sides.places(self._start_q, self.growing), self._start_q)
+        start = Anchor(self._start_q, self.carrier.pose, NOTHING)
+        meeting = self._meeting_at(start)
+        rows = self._rows_where(meeting, start)
+        stage, gap = self._stage_at(
+            rows, rows.sides.places(self._start_q, self.growing), self._start_q, meeting=meeting
+        )
         self._check_start(rows, stage, gap)
         self._start_rows = rows
         self.all_points, self.placement = rows.points, Placement(-stage.normals[0], float(gap[0]))
@@ -262,7 +267,14 @@ class SpotGaps(Gaps):
 
     def _rows_at(self, anchor: Anchor) -> SpotRows:
         """The row with spots that are made where the surfaces are nearest at an anchor."""
-        meeting = self._nearest.on_faces(self._rough_poses(anchor.q, anchor.pose, anchor.growing))[0]
+        return self._rows_where(self._meeting_at(anchor), anchor)
+
+    def _meeting_at(self, anchor: Anchor) -> Meeting:
+        """Where the faces are nearest at an anchor, by the mean motion of patches."""
+        return self._nearest.on_faces(self._rough_poses(anchor.q, anchor.pose, anchor.growing))[0]
+
+    def _rows_where(self, meeting: Meeting, anchor: Anchor) -> SpotRows:
+        """See `_rows_at`; `meeting` is where the surfaces are nearest."""
         where = zip(self.makers, meeting.points, meeting.outward, strict=True)
         spots = [maker.at(point, outward) for maker, point, outward in where]
         kernel, surface = spots[0].kernel, self.sides[0].surface
@@ -286,16 +298,18 @@ class SpotGaps(Gaps):
         return rows
 
     def _stage_at(
-        self, rows: SpotRows, places: list[Array], q: Array, pose: Array | None = None
+        self, rows: SpotRows, places: list[Array], q: Array, pose: Array | None = None, meeting: Meeting | None = None
     ) -> tuple[SpotStage, Array]:
         """Stage of a row with nodes at places, (np, 3) for each side [m], and its gap, (1,) [m].
 
         `q`, (n,), are the coordinates, and `pose` is that of the surface's carrier, by default the present one.
+        `meeting` is where the faces are nearest, if that is known, as of bodies that are not deformed.
         """
         pose = self.carrier.pose if pose is None else pose
         weights = [spot.kernel.weights for spot in rows.spots]
         axes = [side.kinematics.frame(part)[1] for side, part in zip(self.sides, self.sides.split(q), strict=True)]
-        meeting, owners = self._where(rows, self._poses(places, weights, rows, axes, pose))
+        if meeting is None or rows.inside:
+            meeting = self._where(rows, self._poses(places, weights, rows, axes, pose))[0]
         where = zip(rows.spots, self.makers, meeting.points, meeting.outward, strict=True)
         weights = [
             spot.kernel.around(maker.points[spot.kernel.nodes], point, outward) for spot, maker, point, outward in where

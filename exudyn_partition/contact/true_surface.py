@@ -369,13 +369,13 @@ def _tori(x: Array, outward: Array, middles: Array) -> list[Torus]:
         scale[3:6] = np.linalg.norm(values[3:6])
         return np.asarray(torus(values).gaps_by(arms) / scale)
 
-    shape, least = None, math.inf
+    fit, shape, least = require("scipy.optimize").least_squares, None, math.inf
     for slant in _SLANTS:
         ring = math.cos(slant) * (1 / curvatures[0] - tube)
         radial = math.cos(slant) * normal - math.sin(slant) * steep
         axis = math.sin(slant) * normal + math.cos(slant) * steep
         start = [*((height[0] - tube) * normal - ring * radial), *axis, ring, tube]
-        best = require("scipy.optimize").least_squares(off, start, off_by, xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
+        best = fit(off, start, off_by, method="lm", xtol=1e-14, ftol=1e-14, max_nfev=_TRIES)
         if best.cost < least:
             shape, least = torus(best.x), best.cost
         if least < len(arms) * _ROUNDING**2:

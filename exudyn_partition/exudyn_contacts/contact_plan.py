@@ -225,7 +225,9 @@ def _name_of(
         of_master = _name_of_surface(rigid, registry.surface_number(rigid))
     name = f"{of_slave} on {of_master}{' edges' if rows == 'edges' else ''}"
     more = (name if i == 1 else f"{name} ({i})" for i in itertools.count(1))
-    return next(free_name for free_name in more if not any(is_taken(mbs, free_name, kind) for kind in _NAMED))
+    ours = {contact.name for contact in registry.contacts.values()}  # Exudyn takes longer to tell
+    free = (one for one in more if one not in ours)
+    return next(one for one in free if not any(is_taken(mbs, one, kind) for kind in _NAMED))
 
 
 def _name_of_surface(rigid: RigidSurface, number: int) -> str:

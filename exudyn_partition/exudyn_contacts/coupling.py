@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from ..contact.formulations.formulation import SharedBody
 from ..contact.smooth_faces import SmoothFace
@@ -32,9 +33,10 @@ def groups_to_join(contact: PartitionContact, beside: Sequence[PartitionContact]
 def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) -> list[ContactGroup]:
     """Groups of the contacts beside it that a contact is solved together with, each once."""
     groups: dict[ContactGroup, None] = {}
-    anywhere = contact.mechanics.gaps.anywhere
+    anywhere, sides = contact.mechanics.gaps.anywhere, _places_of(contact)
     for neighbour in beside:
-        if _same_sides(contact, neighbour):
+        same = sides == _places_of(neighbour)
+        if same and (len(contact.sides) > 1 or contact.master is neighbour.master):
             raise InputError(
                 f"slave, master: these two already have the contact {neighbour.name!r} between the same patches"
             )
@@ -57,15 +59,12 @@ def _groups_of(contact: PartitionContact, beside: Sequence[PartitionContact]) ->
     return [*groups]
 
 
-def _same_sides(contact: PartitionContact, neighbour: PartitionContact) -> bool:
-    """Whether two contacts are between the same patches, or of the same patch with the same rigid surface.
+def _places_of(contact: PartitionContact) -> tuple[set[Any], bool]:
+    """Patches of a contact with the faces on which its point is, and whether it has rows at edges of the master.
 
-    The rows at the edges of the master are a second contact, and so is each point of other faces.
+    Between the same patches, such rows are a second contact, and so is each point of other faces.
     """
-    sides, neighbour_sides = (
-        ({*zip(member.sides, _faces(member), strict=True)}, member.rows == "edges") for member in (contact, neighbour)
-    )
-    return sides == neighbour_sides and (len(contact.sides) > 1 or contact.master is neighbour.master)
+    return {*zip(contact.sides, _faces(contact), strict=True)}, contact.rows == "edges"
 
 
 def _faces(contact: PartitionContact) -> Sequence[SmoothFace | None]:

@@ -135,9 +135,8 @@ def _pressures(points: Array, facets: Array, centre: Array, normal: Array, radiu
     some &= np.einsum("fd,d->f", _normals(nodal, facets.shape[1]), normal) > 0
     near, nodal = near[some], nodal[some]
     area, N, dN = _rule(facets.shape[1])
-    x = np.einsum("qk,fkd->fqd", N, nodal)
-    first, second = (np.einsum("qk,fkd->fqd", part, nodal) for part in dN)
-    area = area * abs(np.cross(first, second) @ normal)
+    x, first, second = N @ nodal, dN[0] @ nodal, dN[1] @ nodal
+    area = area * abs(np.einsum("fqd,fqd->fq", first @ np.cross(np.eye(3), normal), second))
     square = np.einsum("fqd,fqd->fq", x, x) - (x @ normal) ** 2
     return near, area * np.sqrt(np.maximum(1 - square / radius**2, 0.0)), N
 

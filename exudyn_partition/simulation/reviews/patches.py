@@ -51,12 +51,12 @@ def directions(run: ReviewedRun) -> Iterator[Finding]:
         force = history.force_on_slave[top]
         if history.force[top] <= 0.0 or not contact.mechanics.law.residual:  # it only pulls, or nothing yields so
             continue
-        for side, ((item, number), name, sign) in enumerate(
-            zip(contact.sides, contact.side_names, (-1, 1), strict=False)
-        ):
+        wanders = [item.body.partition.patches[number].wanders for item, number in contact.sides]
+        along_normals = [yields_along_normals(*side) for side in contact.sides]
+        if (some := np.flatnonzero(np.logical_and(wanders, along_normals))).size:
+            yield from _off_normals(run, history, some, top)
+        for (item, number), name, sign in zip(contact.sides, contact.side_names, (-1, 1), strict=False):
             patch = item.body.partition.patches[number]
-            if yields_along_normals(item, number) and patch.wanders:
-                yield from _off_normals(run, history, side, top)
             aside = off_line(item, number, run.body(item).q[top], sign * force)
             if aside > ASIDE:
                 yield Finding(
@@ -85,25 +85,29 @@ def off_line(item: PartitionBody, number: int, q: Array, force: Array) -> float:
     return math.atan2(math.sqrt(max(float(force @ force) - along**2, 0.0)), along)
 
 
-def _off_normals(run: ReviewedRun, history: ReviewedContact, side: int, top: int) -> Iterator[Finding]:
-    """Forces aside from the normals of their nodes, at the sample `top`: at sharp edges these are means."""
+def _off_normals(run: ReviewedRun, history: ReviewedContact, sides: Array, top: int) -> Iterator[Finding]:
+    """Forces on sides aside from the normals of their nodes, at the sample `top`; at sharp edges these are means."""
     contact, result = history.contact, run.result
-    now, (item, number) = result.at(result.t[[top]]), contact.sides[side]
-    forces = contact.nodal_forces(now)[side][0]
-    normals = item.body.partition.patches[number].node_normals @ item.kinematics.frame(item.coordinates(now)[0])[1].T
-    sizes = np.linalg.norm(forces, axis=1)
-    # An even pressure pulls at corners of some quadratic facets.
-    aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(ASIDE) * sizes].sum() / sizes.sum()
-    if aside > _SHARE_ASIDE:
-        edges = surface_of(item.body, number)
-        chosen = 'Leave axes= out of Partition.surface, which takes "xyz" for a patch with sharp edges'
-        if not np.setdiff1d(edges.sharp, edges.ends).size:
-            chosen = 'Give its partition axes="xyz"'
-        yield Finding(
-            f"{called(contact)} at {when(result, result.t[top])}: {aside:.0%} of the force on "
-            f"{contact.side_names[side]} is more than 30 degrees off the normals of its nodes, as at edges between "
-            f"faces. The patch yields along these normals only, so that forces and pressures there are wrong. {chosen}"
-        )
+    now = result.at(result.t[[top]])
+    on_nodes = contact.nodal_forces(now)
+    for side in sides:
+        (item, number), forces = contact.sides[side], on_nodes[side][0]
+        axes = item.kinematics.frame(item.coordinates(now)[0])[1]
+        normals = item.body.partition.patches[number].node_normals @ axes.T
+        sizes = np.linalg.norm(forces, axis=1)
+        # An even pressure pulls at corners of some quadratic facets.
+        aside = sizes[abs(np.einsum("kd,kd->k", forces, normals)) < np.cos(ASIDE) * sizes].sum() / sizes.sum()
+        if aside > _SHARE_ASIDE:
+            edges = surface_of(item.body, number)
+            chosen = 'Leave axes= out of Partition.surface, which takes "xyz" for a patch with sharp edges'
+            if not np.setdiff1d(edges.sharp, edges.ends).size:
+                chosen = 'Give its partition axes="xyz"'
+            yield Finding(
+                f"{called(contact)} at {when(result, result.t[top])}: {aside:.0%} of the force on "
+                f"{contact.side_names[side]} is more than 30 degrees off the normals of its nodes, as at edges between "
+                "faces. The patch yields along these normals only, so that forces and pressures there are wrong. "
+                f"{chosen}"
+            )
 
 
 def missed(run: ReviewedRun) -> Iterator[Finding]:
