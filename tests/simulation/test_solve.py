@@ -1,11 +1,13 @@
 """Runs in Exudyn: oracle, conservation, both integrators, other items, errors, and runs that end early."""
 
+import re
+
 import exudyn as exu
 import exudyn.itemInterface as items
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import MARBLE_RADIUS, TOP, box, collide, relative
+from oracles import MARBLE_RADIUS, SPHERE_RADIUS, TOP, box, collide, relative
 
 import exudyn_partition as ep
 from exudyn_partition.algebra.complementarity import Complementarity
@@ -214,6 +216,27 @@ def test_large_rotation_warns(mbs, bodies):
     mbs.Assemble()
     with pytest.warns(ModelLimitWarning, match=r"body 'ball' has rotated by more than 0.1 rad at t = 0.0002"):
         ep.solve_dynamic(mbs, end_time=0.4e-3)
+
+
+@pytest.mark.filterwarnings("ignore:contact 'hit' at t")  # few rows close
+@pytest.mark.parametrize(("turn", "told"), [(0.05, True), (0.01, False)])
+def test_a_body_that_has_turned_before_it_hits_warns(mbs, round_body, turn, told):
+    """To take its rotation as small makes a ball larger by r phi^2 / 2, and its speed of approach by r phi omega."""
+    apart, speed = 0.2e-3, 0.1
+    rate, grown = turn * speed / apart, SPHERE_RADIUS * turn**2 / 2
+    place = {"referencePosition": [0, 0, apart], "initialVelocity": [0, 0, -speed]}
+    ball = ep.CreatePartitionBody(mbs, round_body, name="ball", initialAngularVelocity=[0, rate, 0], **place)
+    ep.CreatePartitionContact(mbs, ball, ep.RigidPlane(), name="hit")
+    mbs.Assemble()
+    options = {"end_time": apart / speed, "step": 0.5e-6}
+    if not told:
+        ep.solve_dynamic(mbs, **options)
+        return
+    said = r"of which (\S+) m/s are wrong: body 'ball' has turned by 0.04\d rad until then, and frame='inertial'"
+    with pytest.warns(ModelLimitWarning, match=said) as texts:
+        ep.solve_dynamic(mbs, **options)
+    (wrong,) = [float(found[1]) for text in texts if (found := re.search(said, str(text.message)))]
+    assert wrong == pytest.approx(SPHERE_RADIUS * turn * rate * (1 - grown / apart), rel=0.1)
 
 
 def test_the_step_that_is_taken_is_never_longer_than_asked_for(impact):

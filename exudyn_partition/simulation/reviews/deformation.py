@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from ...exudyn_bodies.partition_body import PartitionBody
 from ...reduction.body import ReducedBody
 from ...reduction.buckling import Link, compression, links, squared_slope
 from ...support.arrays import Array
 from ...support.once import once
 from ..result import called, when
-from .reviewed_run import LARGEST_DEFORMATION, Finding, ReviewedBody, ReviewedRun, lengths
+from .reviewed_run import LARGEST_DEFORMATION, Finding, ReviewedBody, ReviewedContact, ReviewedRun, lengths, size_of
 
 _GROWTH = 1e3  # ratio to a body's largest energy so far, which unstable steps exceed and large strain does not
 LARGEST_ROTATION = 0.1  # rad, for a body in an inertial frame
@@ -20,6 +22,8 @@ _LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leave
 # That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
 # (tests/exudyn_bodies/test_stiffening.py). An elastica bears a quarter.
 _LEFT_BY_SLOPES = 2.0
+_LARGEST_OFF = 0.02  # speed of a surface that is wrong because its body has turned, by the speed of approach
+_SLOW = 0.1  # of the largest speed of approach of a contact: slower ones are of bodies that come to rest
 _LASTING, _LARGEST_RINGING = 1000.0, 0.1  # rad, phase of a vibration that lasts; its share of the largest energy
 _LOOKED_AT = 256  # largest number of samples of which energies are taken
 
@@ -54,6 +58,45 @@ def rotation(run: ReviewedRun) -> Iterator[Finding]:
                 "frame='inertial' takes rotations as small, results from then on are wrong by their square. Take "
                 "frame='floating'"
             )
+
+
+def turned_surfaces(run: ReviewedRun) -> Iterator[Finding]:
+    """Bodies in an inertial frame that have turned before a contact closes, so that speeds of approach are wrong."""
+    for history in run.contacts:
+        firsts = np.array([first for first, _ in history.spans if first], dtype=int)
+        speeds = (history.pressed[firsts] - history.pressed[firsts - 1]) / (
+            run.result.t[firsts] - run.result.t[firsts - 1]
+        )
+        speeds[~np.isfinite(speeds)] = 0.0  # no row was there a sample before
+        some = speeds > _SLOW * speeds.max(initial=0.0)
+        for item, _ in history.contact.sides if some.any() else ():
+            if item.frame == "inertial":
+                yield from _turned(run, history, item, firsts[some], speeds[some])
+
+
+def _turned(
+    run: ReviewedRun, history: ReviewedContact, item: PartitionBody, firsts: Array, speeds: Array
+) -> Iterator[Finding]:
+    """What a body makes wrong where a contact closes, at samples `firsts`, (k,), with speeds of approach, (k,) [m/s].
+
+    To take a rotation phi as small moves a point at r from the centre of mass by -phi x (phi x r) / 2 too much.
+    """
+    motion, rates = run.body(item).rigid_motion[firsts], item.rigid_motion(run.body(item).q_t[firsts])[:, 3:]
+    bounds = lengths(motion[:, 3:]) * lengths(rates) * size_of(item.body) / speeds
+    worst = int(bounds.argmax())
+    if bounds[worst] <= _LARGEST_OFF:
+        return
+    first, phi, rate = int(firsts[worst]), motion[worst, 3:], rates[worst]
+    centre = item.kinematics.position + item.body.centre_of_mass + motion[worst, :3]
+    r, normal = history.place_at(first) - centre, history.force_on_slave[first] / history.force[first]
+    off = abs(normal @ (np.cross(rate, np.cross(phi, r)) + np.cross(phi, np.cross(rate, r)))) / 2
+    if off > _LARGEST_OFF * speeds[worst]:
+        yield Finding(
+            f"{called(history.contact)} closes at {when(run.result, run.result.t[first])} with {speeds[worst]:.3g} "
+            f"m/s, of which {off:.2g} m/s are wrong: {called(item)} has turned by {math.hypot(*phi):.2g} rad until "
+            "then, and frame='inertial' takes rotations as small. Forces are off by about that share. Take "
+            "frame='floating'"
+        )
 
 
 def strain(run: ReviewedRun) -> Iterator[Finding]:

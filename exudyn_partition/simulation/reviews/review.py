@@ -17,7 +17,7 @@ from ..result import Result, cut
 from .balance import balance
 from .bending import bending
 from .crossing_edges import crossing_edges
-from .deformation import axial_forces, rotation, slopes, strain, unbounded, undamped_vibration
+from .deformation import axial_forces, rotation, slopes, strain, turned_surfaces, unbounded, undamped_vibration
 from .dents import missing_dents
 from .lasting import lasting_ringing
 from .passing import passing
@@ -48,7 +48,7 @@ def open_joints(run: ReviewedRun) -> Sequence[Finding]:
 
 WITHOUT_SAMPLES: tuple[Review, ...] = (stopped, missing_steps, unstable_steps)
 OF_SAMPLES: tuple[Review, ...] = (
-    rotation, missing_growth, axial_forces, spin, slopes, strain, bending, undamped_vibration,
+    rotation, turned_surfaces, missing_growth, axial_forces, spin, slopes, strain, bending, undamped_vibration,
     patch_edges, overlap, depth, sinking, crossing_edges, short_impacts, few_rows, wide_points, directions, missed,
     pushed_shut, passing, through_walls, undamped_layers, flow_at_border, coarse_zones, large_plastic_strain, ringing,
     rare_samples, first_yield, near_zones, open_statics, missing_dents, open_joints, balance, long_steps,

@@ -170,6 +170,13 @@ class ReviewedContact:
         """Forces of the rows."""
         return RowSamples(self.kept, self._result.t)
 
+    def place_at(self, sample: int) -> Array:
+        """Place of the mean normal force at a sample, (3,) [m]; its rows are closed there."""
+        (item, number), (rows, forces) = self.contact.sides[0], self.rows.at_sample(sample)
+        nodes = item.body.partition.patches[number].nodes[rows]
+        places = item.kinematics.at(nodes).place(item.coordinates(self._result)[sample])
+        return np.asarray(forces @ places / forces.sum())
+
     @FoundOnce
     def ringing(self) -> Ringing | None:
         """Ringing of the force; None if there is none."""
