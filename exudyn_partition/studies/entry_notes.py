@@ -26,7 +26,7 @@ from ..prediction.point_contact import PointContact
 from ..prediction.yielding import Stress
 from ..simulation.result import called
 from ..simulation.reviews.balance import OFF
-from ..simulation.reviews.deformation import LARGEST_ROTATION
+from ..simulation.reviews.deformation import LARGEST_OFF, LARGEST_ROTATION, wrong_speed
 from ..simulation.reviews.patches import ASIDE, off_line
 from ..simulation.reviews.penetration import DEEP, ENERGY, ROUND_OFF
 from ..simulation.reviews.resolution import COARSE, FEW_ROWS, SOME_ROWS, point_of
@@ -176,6 +176,7 @@ class Notes:
                 "area, for which linear elasticity has no answer. Check speeds, units and the material"
             )
         yield from self._few_rows(j, made)
+        yield from self._turned(j, made, peak)
         top = int(made.values[:, j, 0].argmax())
         for (item, number), sign in zip(contact.sides, (-1, 1), strict=False):
             q = made.peaks.q[j][self._places[item]]
@@ -186,6 +187,27 @@ class Notes:
                     'too soft. Give the partition axes="xyz", or take Partition.surface'
                 )
         yield from self._yields(j, made, peak)
+
+    def _turned(self, j: int, made: Histories, peak: AtPeak) -> Iterator[Note]:
+        """See `deformation.turned_surfaces`; here with rotations at the peak, and their rates at the start."""
+        contact, (force, depth) = self._contacts[j], made.values[:, j, [0, 5]].T
+        first, top = int((force > 0.0).argmax()), int(force.argmax())
+        speed = (depth[first - 1] - depth[first]) / self._step if first else 0.0
+        if not 0.0 < speed < np.inf:
+            return
+        slave, number = contact.sides[0]
+        nodes = slave.body.partition.patches[number].nodes[peak.rows.row_nodes]
+        places = slave.kinematics.at(nodes).place(made.peaks.q[j][self._places[slave]])
+        place, normal = peak.lam @ places / peak.lam.sum(), made.values[top, j, 2:5] / force[top]
+        for item, _ in contact.sides:
+            if item.frame == "inertial":
+                q, q_t = (values[self._places[item]] for values in (made.peaks.q[j], made.start.v))
+                rate = item.kinematics.rigid_motion(q_t)[3:]
+                if wrong_speed(item, q, rate, place, normal) > LARGEST_OFF * speed:
+                    yield _limit(
+                        f"{called(contact)} closes with a speed that is wrong: {called(item)} has turned by then, and "
+                        "frame='inertial' takes rotations as small. Take frame='floating'"
+                    )
 
     def _leaves(self, j: int, made: Histories) -> bool:
         """Whether closed rows of a contact left its patch, see `Evaluation.edge_reached`."""

@@ -549,7 +549,7 @@ def yielding():
 
 def texts_of(warnings_of):
     """What each run is told, by words that a single run is told too."""
-    words = "edge of its patch", "rotated by more", "yield", "overlap", "closed"
+    words = "edge of its patch", "rotated by more", "has turned by", "yield", "overlap", "closed"
     return {word for word in words if any(word in text for text in warnings_of)}
 
 
@@ -570,7 +570,7 @@ def test_entries_are_told_what_single_runs_are_told(yielding, tmp_path, workers)
         single.append(texts_of(result.warnings))
     assert [texts_of(runs.warnings.get(entry, ())) for entry in range(4)] == single
     assert single[2] == {"edge of its patch", "yield"}
-    assert single[3] == single[2] | {"rotated by more"}
+    assert single[3] == single[2] | {"rotated by more", "has turned by"}
     said = [str(w.message) for w in told]
     assert sum("2 of 4 runs: contact 'floor' reached the edge of its patch" in text for text in said) == 1
     assert any(w.category is ep.errors.ContactPatchWarning for w in told)

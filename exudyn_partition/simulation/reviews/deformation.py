@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -22,7 +21,7 @@ _LARGEST_LEFT = 0.02  # share of a link's bending that geometric stiffness leave
 # That share by the mean square of slopes: a hinged column bears so much more than Euler's load when it has buckled
 # (tests/exudyn_bodies/test_stiffening.py). An elastica bears a quarter.
 _LEFT_BY_SLOPES = 2.0
-_LARGEST_OFF = 0.02  # speed of a surface that is wrong because its body has turned, by the speed of approach
+LARGEST_OFF = 0.02  # speed of a surface that is wrong because its body has turned, by the speed of approach
 _SLOW = 0.1  # of the largest speed of approach of a contact: slower ones are of bodies that come to rest
 _LASTING, _LARGEST_RINGING = 1000.0, 0.1  # rad, phase of a vibration that lasts; its share of the largest energy
 _LOOKED_AT = 256  # largest number of samples of which energies are taken
@@ -77,26 +76,44 @@ def turned_surfaces(run: ReviewedRun) -> Iterator[Finding]:
 def _turned(
     run: ReviewedRun, history: ReviewedContact, item: PartitionBody, firsts: Array, speeds: Array
 ) -> Iterator[Finding]:
-    """What a body makes wrong where a contact closes, at samples `firsts`, (k,), with speeds of approach, (k,) [m/s].
-
-    To take a rotation phi as small moves a point at r from the centre of mass by -phi x (phi x r) / 2 too much.
-    """
-    motion, rates = run.body(item).rigid_motion[firsts], item.rigid_motion(run.body(item).q_t[firsts])[:, 3:]
-    bounds = lengths(motion[:, 3:]) * lengths(rates) * size_of(item.body) / speeds
+    """What a body makes wrong where a contact closes: samples `firsts`, (k,), and speeds of approach, (k,) [m/s]."""
+    q, rates = run.body(item).q[firsts], item.rigid_motion(run.body(item).q_t[firsts])[:, 3:]
+    angles = lengths(run.body(item).rigid_motion[firsts, 3:])
+    bounds = angles * lengths(rates) * size_of(item.body) / speeds
     worst = int(bounds.argmax())
-    if bounds[worst] <= _LARGEST_OFF:
+    if bounds[worst] <= LARGEST_OFF:
         return
-    first, phi, rate = int(firsts[worst]), motion[worst, 3:], rates[worst]
-    centre = item.kinematics.position + item.body.centre_of_mass + motion[worst, :3]
-    r, normal = history.place_at(first) - centre, history.force_on_slave[first] / history.force[first]
-    off = abs(normal @ (np.cross(rate, np.cross(phi, r)) + np.cross(phi, np.cross(rate, r)))) / 2
-    if off > _LARGEST_OFF * speeds[worst]:
+    first = int(firsts[worst])
+    normal = history.force_on_slave[first] / history.force[first]
+    off = wrong_speed(item, q[worst], rates[worst], history.place_at(first), normal)
+    if off > LARGEST_OFF * speeds[worst]:
         yield Finding(
             f"{called(history.contact)} closes at {when(run.result, run.result.t[first])} with {speeds[worst]:.3g} "
-            f"m/s, of which {off:.2g} m/s are wrong: {called(item)} has turned by {math.hypot(*phi):.2g} rad until "
-            "then, and frame='inertial' takes rotations as small. Forces are off by about that share. Take "
-            "frame='floating'"
+            f"m/s, of which {off:.2g} m/s are wrong: {called(item)} has turned by {angles[worst]:.2g} rad until then, "
+            "and frame='inertial' takes rotations as small. Forces are off by about that share. Take frame='floating'"
         )
+
+
+def wrong_speed(item: PartitionBody, q: Array, rate: Array, place: Array, normal: Array) -> float:
+    """Speed of a place on a body in an inertial frame that is wrong because it has turned [m/s].
+
+    To take a rotation phi as small moves a point at r from the centre of mass by -phi x (phi x r) / 2 too much.
+
+    Parameters
+    ----------
+    item : PartitionBody
+    q : (n_dofs,) array
+        Its coordinates.
+    rate : (3,) array
+        Rate of its rotation [rad/s].
+    place : (3,) array
+        [m]
+    normal : (3,) array
+        Direction of the speed.
+    """
+    motion = item.kinematics.rigid_motion(q)
+    phi, r = motion[3:], place - item.kinematics.frame(q)[0] - motion[:3]
+    return float(abs(normal @ (np.cross(rate, np.cross(phi, r)) + np.cross(phi, np.cross(rate, r)))) / 2)
 
 
 def strain(run: ReviewedRun) -> Iterator[Finding]:
