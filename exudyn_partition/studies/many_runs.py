@@ -184,9 +184,10 @@ def run_many(
     -----
     ContactPatchWarning, ModelLimitWarning, YieldWarning
         Once for each finding, with how many runs have it. Of contacts: edge of a patch, overlap at the start, depth,
-        few closed rows, a force off the line of contact, and yield, unless E varies. Of bodies: rotation, also before they hit, turns in a
-        step, and deformation, as they are at the start, after each 2000 steps, at the largest forces, and at the end.
-        And energy that comes from nothing. What else `solve_dynamic` looks for is not asked: run an entry by itself.
+        few closed rows, a force off the line of contact, and yield, unless E varies. Of bodies: rotation, also before
+        they hit, turns in a step, and deformation, as they are at the start, after each 2000 steps, at the largest
+        forces, and at the end. And energy that comes from nothing. What else `solve_dynamic` looks for is not asked:
+        run an entry by itself.
         A contact that never closes has `counts` of zero.
     """
     validate_model(mbs)
