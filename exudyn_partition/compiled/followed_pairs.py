@@ -8,6 +8,7 @@ pairs begin to slide or have come to rest.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from types import ModuleType
 from typing import Any, Protocol
@@ -124,10 +125,10 @@ class FollowedPair:
         self._take_anchor()
         now = gaps.after()
         frozen = None if gaps.moving else now.frozen
-        of_pair = q[self._following.dofs]
-        anchor = gaps.present.anchor if anchored else None
-        growing = growing_of(gaps, self.products)
-        return GapState(of_pair, NOTHING, anchor, frozen, now.chosen, self._stood, int(self._steps[0]), growing)
+        return replace(
+            now, q=q[self._following.dofs], pose=NOTHING, anchor=gaps.present.anchor if anchored else None,
+            frozen=frozen, stood=self._stood, steps=int(self._steps[0]), growing=growing_of(gaps, self.products),
+        )  # fmt: skip
 
     @property
     def products(self) -> Array:
@@ -197,7 +198,7 @@ class FollowedPair:
             _, normals, here = self._room
             stage = Followed(gaps.stage.rows, normals.copy(), here.copy())
             gaps.return_to(Present(stage, q, None, gaps.present.anchor, gaps.growing))
-        gaps.accept(GapState(q, NOTHING, gaps.present.anchor, None, None, self._stood, PATIENCE - 1))
+        gaps.accept(GapState(q, NOTHING, gaps.present.anchor, stood=self._stood, steps=PATIENCE - 1))
         gaps.accept(gaps.after())
         self._steps[0], self._stood = gaps.accepted.steps, gaps.accepted.stood
 

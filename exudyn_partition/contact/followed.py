@@ -53,11 +53,15 @@ class Apart(Stage):
         Place of the slave relative to the master when all points were searched [m].
     reach : float
         Motion after which all points are searched again [m].
+    anchor : Anchor
+        Where they were searched.
     """
 
-    def __init__(self, rows: PresentRows, normals: Array, shares: Shares, here: Array, reach: float) -> None:
+    def __init__(
+        self, rows: PresentRows, normals: Array, shares: Shares, here: Array, reach: float, anchor: Anchor
+    ) -> None:
         super().__init__(rows, normals, shares)
-        self.here, self.reach = here, reach
+        self.here, self.reach, self.anchor = here, reach, anchor
 
     def advance(self, pair: Pair, q: Array) -> tuple[Stage, Array]:
         """See `Stage.advance`."""

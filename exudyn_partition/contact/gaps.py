@@ -49,7 +49,9 @@ class GapState:
         Coordinates at which the pairs were found that are frozen; None while pairs are followed.
     chosen : Anchor or None
         Where the rows that can close were chosen, if contact wanders over a patch, or where all points were searched
-        whose pairs are followed.
+        last, if pairs are followed.
+    parted : Anchor or None
+        Where the parts of two patches were found that are near each other, if contact wanders over one.
     stood : (3, 3) array or None
         Place of the slave relative to the master when it was last asked whether the patches slide [m].
     steps : int
@@ -63,6 +65,7 @@ class GapState:
     anchor: Anchor | None = None
     frozen: Array | None = None
     chosen: Anchor | None = None
+    parted: Anchor | None = None
     stood: Array | None = None
     steps: int = 0
     growing: Array = field(default_factory=lambda: NOTHING)

@@ -115,7 +115,9 @@ class PatchGaps(Gaps):
             steps += 1
             if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), stage.here, 0
-        return GapState(present.q, stage.pose, present.anchor, frozen, self._searched_at, stood, steps, present.growing)
+        return GapState(
+            present.q, stage.pose, present.anchor, frozen, self._searched_at, None, stood, steps, present.growing
+        )
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
@@ -145,18 +147,24 @@ class PatchGaps(Gaps):
 
     @property
     def _searched_at(self) -> Anchor | None:
-        """Where all points were searched: those that faced the master then are followed. None if none are."""
-        rows = self.stage.rows
-        return rows.search.anchor if isinstance(rows, FollowedRows) else None
+        """Where all points were searched last: those that faced the master are followed. None if none are."""
+        stage = self.stage
+        if isinstance(stage, Apart):
+            return stage.anchor
+        return stage.rows.search.anchor if isinstance(stage.rows, FollowedRows) else None
 
     def _search_as(self, state: GapState) -> None:
         """Follow the rows of the search that a state's rows come from."""
         anchor, now = state.chosen, self._searched_at
         if anchor is not None and (now is None or not now.equals(anchor)):
             self.follow()
-            growing, self.growing = self.growing, anchor.growing
-            self.at(anchor.q)
-            self.growing = growing
+            self._do_at(anchor, self.at)
+
+    def _do_at(self, anchor: Anchor, what: Callable[[Array], object]) -> None:
+        """Do something at an anchor's coordinates, with its growth."""
+        growing, self.growing = self.growing, anchor.growing
+        what(anchor.q)
+        self.growing = growing
 
     def _freeze_at(self, q: Array) -> None:
         """Freeze the pairs at coordinates q, (n,)."""
@@ -389,20 +397,19 @@ class PatchGaps(Gaps):
         when they are apart again. So nothing depends on whether others asked for their gaps while they were apart.
         """
         self.searches += 1
-        places = self.sides.places(q, self.growing)
+        places, anchor = self.sides.places(q, self.growing), Anchor(q.copy(), NOTHING, self.growing)
         here = seen_from(places, self.witnesses)
         every, least = self.project(*places)
         near, at_least = (MET, 0.0) if self.anywhere else (NEAR, SEARCHED)
         within = near * self.size if within is None else within
         if least <= within:
-            anchor = Anchor(q.copy(), NOTHING, self.growing)
             return Search(self, every, places[0], here, SEARCHED * self.size, anchor).choose(self, places, here)
         # If the patches are far apart, the next search waits until they may be near.
         reach = max(at_least * self.size, 0.25 * (least - within))
         points, index = every.points.of_rows(np.empty(0, dtype=np.int64))
         shares = (points.nodes, points.weights), (every.master[index], -every.weights[index])
         rows = PresentRows(points, every.leaves_at[:0], self.sides.following(self.witnesses), every.unpaired)
-        return Apart(rows, every.normals[index], shares, here, reach), NOTHING
+        return Apart(rows, every.normals[index], shares, here, reach, anchor), NOTHING
 
     def sides_with(self, points: ContactPoints, facets: Array) -> Sides:
         """The sides with the nodes of these points, and the master's nodes around facets, (p,) int array."""

@@ -52,13 +52,24 @@ class WanderingGaps(PatchGaps):
     """
 
     _parted_at: Array | None
+    _parted: Anchor | None
     _part_reach: float
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
-        self.sides, self._parted_at = self._start.rows.sides, None
+        self.sides, self._parted_at, self._parted = self._start.rows.sides, None, None
         self._three = [side.kinematics.some(some) for side, some in zip(self.sides, self.witnesses, strict=True)]
         super()._go_to_start()
+
+    def after(self) -> GapState:
+        """See `Gaps`."""
+        return replace(super().after(), parted=self._parted)
+
+    def accept(self, state: GapState) -> None:
+        """See `Gaps`."""
+        if state.parted is not None and (self._parted is None or not self._parted.equals(state.parted)):
+            self._do_at(state.parted, self._part)
+        super().accept(state)
 
     def at(self, q: Array) -> Array:
         """See `Gaps.at`."""
@@ -117,7 +128,7 @@ class WanderingGaps(PatchGaps):
         both = zip(self._start.rows.sides, (near.slave_facets, near.master_facets), self.witnesses, strict=True)
         self.sides = Sides(side.part(facets, witnesses) for side, facets, witnesses in both)
         self.follow()
-        self._parted_at = here
+        self._parted_at, self._parted = here, Anchor(q.copy(), NOTHING, self.growing)
         self._part_reach = max(WINDOW * self.size, 0.25 * (near.least - LIMIT * self.size))
 
     def least_distance(self, q: Array) -> float:

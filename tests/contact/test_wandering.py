@@ -104,6 +104,31 @@ def test_gaps_of_all_rows_need_no_evaluation_before(rim, face):
         np.testing.assert_allclose(gap, right, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])
+def test_gaps_go_on_from_a_state_where_they_slide_past_the_end_of_a_face(rim, face, kind):
+    """The parts that are near each other are found after a facet of motion, and points after a part of a facet.
+
+    Others found both at other places, so that other points were still followed past the end.
+    """
+    gaps, states, found = WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face), kind).fresh(), [], []
+    way = np.linspace(0.0, 1.0, 80)
+    path = [np.r_[turned(rim, 0.9 * s, [5e-3 * s, -DEEP - 1e-6, 3.1e-3 * s]), np.zeros(face.n_dofs)] for s in way]
+    for q in path:
+        found.append((gaps.at(q), gaps.row_nodes))
+        gaps.accept(gaps.after())
+        states.append(gaps.accepted)
+    for k in range(3, 60, 7):
+        others = gaps.fresh()
+        others.begin(states[k])
+        for q, (gap, nodes) in zip(path[k + 1 :], found[k + 1 :], strict=True):
+            again = others.at(q)
+            others.accept(others.after())
+            _, here, there = np.intersect1d(others.row_nodes, nodes, return_indices=True)  # more may be present
+            np.testing.assert_allclose(again[here], gap[there], rtol=0, atol=1e-9 * gaps.size)
+            assert again.min() == pytest.approx(gap.min(), abs=1e-9 * gaps.size)
+    assert {state.parted.q[2] for state in states} > {states[0].parted.q[2]}
+
+
 @pytest.mark.usefixtures("each_path")
 @pytest.mark.parametrize("kind", ["integrated", "node-to-segment"])
 def test_rows_that_slide_deep_in_a_thin_wall_stay_on_its_face(round_body, kind):
