@@ -210,6 +210,16 @@ class PatchContact:
         """See `ContactParts`."""
         return self.parts.damped
 
+    @property
+    def node_areas(self) -> Array:
+        """See `ContactPoints.node_areas`, of all rows; results that are read without their model have it too."""
+        return self.gaps.all_points.node_areas
+
+    @property
+    def node_pressures(self) -> sp.csr_matrix:
+        """See `ContactPoints.pressures`, of all rows; results that are read without their model have it too."""
+        return self.gaps.all_points.pressures
+
     # Answers.
 
     def at(self, q: Array, motion: Motion | None = None) -> Evaluation:

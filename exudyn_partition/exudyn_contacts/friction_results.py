@@ -112,7 +112,7 @@ class FrictionResults:
                 "contact: with formulation 'hertz' facets do not resolve the traction; tangential_force(result) is its "
                 "sum"
             )
-        forces, means = self.row_forces(result), self._contact.mechanics.gaps.all_points.pressures
+        forces, means = self.row_forces(result), self._contact.mechanics.node_pressures
         value: Array = np.stack([(means @ forces[..., axis].T).T for axis in range(3)], axis=-1)
         return value
 

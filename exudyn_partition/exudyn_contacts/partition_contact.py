@@ -305,7 +305,7 @@ class PartitionContact(Item[Any]):
             pressure = self.row_forces(result)
             pressure.data = 1.5 / (np.pi * math.prod(axes)) * np.cbrt(pressure.data)
             return pressure
-        return sp.csr_matrix(self.row_forces(result) @ self.mechanics.gaps.all_points.pressures.T)
+        return sp.csr_matrix(self.row_forces(result) @ self.mechanics.node_pressures.T)
 
     def area(self, result: RunSamples) -> Array:
         """Contact area, the sum of the areas of rows that press, (n,) [m2].
@@ -318,7 +318,7 @@ class PartitionContact(Item[Any]):
             return np.pi * math.prod(axes) * self.force(result) ** (2 / 3)
         closed = self.row_forces(result)
         closed.data[:] = closed.data > 0
-        value: Array = closed @ self.mechanics.gaps.all_points.node_areas
+        value: Array = closed @ self.mechanics.node_areas
         return value
 
     def radius(self, result: RunSamples) -> Array:

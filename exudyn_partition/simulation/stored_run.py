@@ -416,7 +416,7 @@ def described(bodies: Sequence[PartitionBody], contacts: Sequence[PartitionConta
             "interference": float(contact.mechanics.gaps.placement.overlap),
             "formulation": (type(contact.formulation).__name__, options),
             "point of the moment": contact.moment_about,
-            "areas": np.array(contact.mechanics.gaps.all_points.node_areas),
+            "areas": np.array(contact.mechanics.node_areas),
         }
         said = f"contact {contact.name!r} of {of}{master}, {law}, {contact.rows} rows, sensor {int(contact['sForce'])}"
         marks.append(ItemMark.of_item(said, content))

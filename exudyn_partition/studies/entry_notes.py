@@ -169,7 +169,7 @@ class Notes:
                 f"{called(contact)} starts with an overlap, whose energy throws the bodies apart. Check "
                 "referencePosition of these entries"
             )
-        areas = contact.mechanics.gaps.all_points.node_areas[peak.rows.row_nodes[peak.lam > 0]]
+        areas = contact.mechanics.node_areas[peak.rows.row_nodes[peak.lam > 0]]
         if pressed.max() > DEEP * np.sqrt(areas.sum() / np.pi) > 0:
             yield _limit(
                 f"{called(contact)}: the bodies penetrate each other by more than {DEEP} of the radius of the contact "

@@ -63,9 +63,8 @@ def turned_surfaces(run: ReviewedRun) -> Iterator[Finding]:
     """Bodies in an inertial frame that have turned before a contact closes, so that speeds of approach are wrong."""
     for history in run.contacts:
         firsts = np.array([first for first, _ in history.spans if first], dtype=int)
-        speeds = (history.pressed[firsts] - history.pressed[firsts - 1]) / (
-            run.result.t[firsts] - run.result.t[firsts - 1]
-        )
+        times = run.result.t[firsts] - run.result.t[firsts - 1]
+        speeds = (history.pressed[firsts] - history.pressed[firsts - 1]) / times
         speeds[~np.isfinite(speeds)] = 0.0  # no row was there a sample before
         some = speeds > _SLOW * speeds.max(initial=0.0)
         for item, _ in history.contact.sides if some.any() else ():
@@ -81,11 +80,11 @@ def _turned(
     angles = lengths(run.body(item).rigid_motion[firsts, 3:])
     bounds = angles * lengths(rates) * size_of(item.body) / speeds
     worst = int(bounds.argmax())
-    if bounds[worst] <= LARGEST_OFF:
-        return
     first = int(firsts[worst])
-    normal = history.force_on_slave[first] / history.force[first]
-    off = wrong_speed(item, q[worst], rates[worst], history.place_at(first), normal)
+    place = history.place_at(first) if bounds[worst] > LARGEST_OFF else None
+    if place is None:
+        return
+    off = wrong_speed(item, q[worst], rates[worst], place, history.force_on_slave[first] / history.force[first])
     if off > LARGEST_OFF * speeds[worst]:
         yield Finding(
             f"{called(history.contact)} closes at {when(run.result, run.result.t[first])} with {speeds[worst]:.3g} "

@@ -170,9 +170,11 @@ class ReviewedContact:
         """Forces of the rows."""
         return RowSamples(self.kept, self._result.t)
 
-    def place_at(self, sample: int) -> Array:
-        """Place of the mean normal force at a sample, (3,) [m]; its rows are closed there."""
+    def place_at(self, sample: int) -> Array | None:
+        """Place of the mean normal force at a sample, (3,) [m]; None if no forces of rows were kept there."""
         (item, number), (rows, forces) = self.contact.sides[0], self.rows.at_sample(sample)
+        if not forces.sum() > 0.0:
+            return None
         nodes = item.body.partition.patches[number].nodes[rows]
         places = item.kinematics.at(nodes).place(item.coordinates(self._result)[sample])
         return np.asarray(forces @ places / forces.sum())
@@ -187,7 +189,7 @@ class ReviewedContact:
         if (axes := self.contact.mechanics.law.semi_axes(float(self.force[sample]))) is not None:
             return math.sqrt(math.prod(axes))
         nodes, forces = self.rows.at_sample(sample)
-        return math.sqrt(float(self.contact.mechanics.gaps.all_points.node_areas[nodes[forces > 0]].sum()) / math.pi)
+        return math.sqrt(float(self.contact.mechanics.node_areas[nodes[forces > 0]].sum()) / math.pi)
 
 
 @dataclass(frozen=True, eq=False)
