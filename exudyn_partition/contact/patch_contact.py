@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..algebra.coulomb import Coulomb
 from ..algebra.friction import OPEN, SLIP, STICK
