@@ -116,8 +116,9 @@ class PatchGaps(Gaps):
             if steps >= PATIENCE:
                 frozen, stood, steps = self._freezes_at(stood), stage.here, 0
         return GapState(
-            present.q, stage.pose, present.anchor, frozen, self._searched_at, None, stood, steps, present.growing
-        )
+            present.q, stage.pose, present.anchor, frozen, self._searched_at,
+            stood=stood, steps=steps, growing=present.growing,
+        )  # fmt: skip
 
     def _freezes_at(self, stood: Array | None) -> Array | None:
         """Present coordinates, if the patches touch and have hardly slid since `stood`: then pairs are frozen again."""
