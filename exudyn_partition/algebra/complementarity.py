@@ -69,13 +69,13 @@ class Complementarity:
             )
         self.iterations = 0
         self.single_pivots = 0
-        self.reset()
+        self._open_all()
 
-    def fresh(self) -> Complementarity:
-        """Return the same problem without an active set; F is shared."""
+    def without_guess(self) -> Complementarity:
+        """Return the same problem, whose first guess is that all rows are open; F is shared."""
         result = copied(self)
         result.iterations = result.single_pivots = 0
-        result.reset()
+        result._open_all()
         return result
 
     def replace(self, F: Array, active: Array) -> None:
@@ -88,7 +88,7 @@ class Complementarity:
         if not np.array_equal(active, self.active):
             self._set(active)
 
-    def reset(self) -> None:
+    def _open_all(self) -> None:
         """Forget the active set of the last call."""
         self._set(np.zeros(len(self.F), dtype=bool))
 
@@ -161,7 +161,7 @@ class Complementarity:
             raise ComplementarityError("the gaps are not finite: the run has become unstable")
         if smallest >= 0.0:
             if self.index.size:
-                self.reset()
+                self._open_all()
             return np.zeros(len(h))
         lam, upper, index, changes, count = loops.solve_active(*self.compiled, h, *SOLVING)
         self.iterations += changes + 1

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..errors import ComplementarityError
 from ..support.arrays import Array
-from ..support.attributes import copied
 from . import loops
 from .closed_rows import ClosedRows
 from .complementarity import Complementarity
@@ -86,20 +85,11 @@ class FrictionProblem:
 
     def __init__(self, F: Array) -> None:
         self.F = Complementarity(F).F  # which checks it
-        self._forget()
-
-    def fresh(self) -> FrictionProblem:
-        """Return the same problem without a memory; F is shared."""
-        result = copied(self)
-        result._forget()
-        return result
-
-    def _forget(self) -> None:
         self.iterations = self.factorisations = self.sweeps = 0
         self._scale(self.F.diagonal())
-        self.reset()
+        self._open_all()
 
-    def reset(self) -> None:
+    def _open_all(self) -> None:
         """Open all rows."""
         nr = len(self._inverse)
         self._restart(np.zeros(nr, dtype=np.int8), np.zeros((nr, 3)))
@@ -186,7 +176,7 @@ class FrictionProblem:
             raise ComplementarityError("the gaps or slips are not finite: the run has become unstable")
         if h[:, 0].min(initial=np.inf) >= 0.0:
             if self.index.size:
-                self.reset()
+                self._open_all()
             return np.zeros_like(h)
         if not self.index.size:
             self._close(np.flatnonzero(h[:, 0] < 0.0))

@@ -91,7 +91,7 @@ class FollowedPair:
         assert isinstance(following.gaps, PatchGaps)
         self.s, self.contact, self._following = s, following.contact, following
         self._anchors, self._moving, self._loops, self._rows = state, moving, loops, rows
-        self.gaps = following.gaps.fresh()
+        self.gaps = following.gaps.for_run()
         self._slots = np.empty(0, dtype=np.int64)
         self._stage: object = None  # frozen stage or rows that `_slots` belong to
         self._steps, self._known = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=bool)

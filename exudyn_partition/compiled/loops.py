@@ -454,7 +454,7 @@ class Stepper:
 
     def __init__(self, contacts: FrozenPlan, n: int) -> None:
         self.contacts, self._kernels, nc = contacts, kernels("compiled"), len(contacts.names)
-        self.motion, self.peaks, self._blocks = Motion.of(n), Peaks.of(contacts, n), contacts.fresh_blocks()
+        self.motion, self.peaks, self._blocks = Motion.of(n), Peaks.of(contacts, n), contacts.blocks_of_run()
         count = len(contacts.all_names)
         self._h, self.stored = np.zeros(len(contacts.rows.start)), np.zeros(count)
         self.values = np.zeros((count, N_VALUES))
@@ -830,7 +830,7 @@ def forces_of(plan: FrozenPlan, joint: BlockComplementarity, h: Array, active: A
     n, ends = len(plan.names), plan.rows.starts[1:-1]
     if h.min(initial=0.0) >= 0.0:
         return np.zeros(len(h)), h.copy(), np.zeros(n, dtype=np.int64)
-    problems, gaps = [problem.fresh() for problem in plan.problems], dict(enumerate(np.split(h, ends)))
+    problems, gaps = [problem.without_guess() for problem in plan.problems], dict(enumerate(np.split(h, ends)))
     for problem, guess in zip(problems, np.split(active, ends), strict=True):
         problem.set_active(guess)
     if plan.core:

@@ -456,7 +456,7 @@ def anchors_at(contacts: Sequence[Following], q: Array) -> Anchors:
     along = [np.zeros((len(contact.gaps.stage.rows.points.nodes), 3)) for contact in contacts]
     for s, contact in enumerate(contacts):
         if not contact.gaps.slave.normal_only:
-            there = contact.gaps.fresh()  # threads may work with others
+            there = contact.gaps.for_run()  # threads may work with others
             there.at(q[contact.dofs])
             along[s] = there.stance()
     at_q = np.tile(q, (len(contacts), 1))

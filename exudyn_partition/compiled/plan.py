@@ -121,7 +121,7 @@ class FrozenPlan:
         return bool(self.core) or (friction is not None and len(friction.groups) <= len(friction.names))
 
     def joint(self) -> BlockComplementarity:
-        """Return a solver of the forces by NumPy, which knows no run yet; compiled loops take `fresh_blocks`."""
+        """Return a solver of the forces by NumPy, which knows no run yet; compiled loops take `blocks_of_run`."""
         return BlockComplementarity(len(self.names), self.core)
 
     @cached_property
@@ -133,12 +133,12 @@ class FrozenPlan:
     def _blocks(self) -> FlatBlocks:
         return self.joint().flat(self.own, self.fields)
 
-    def fresh_blocks(self) -> FlatBlocks:
+    def blocks_of_run(self) -> FlatBlocks:
         """The problem in flat arrays, with room of its own for what changes in a run; matrices are shared."""
         blocks = self._blocks
         changing = "active", "closed", "n_closed", "factors", "responses", "G", "amplitudes", "lam", "pushed"
-        fresh = blocks._replace(**{name: getattr(blocks, name).copy() for name in (*changing, "iterations")})
-        return fresh if self.moving is None else self.moving.with_room(fresh)
+        own = blocks._replace(**{name: getattr(blocks, name).copy() for name in (*changing, "iterations")})
+        return own if self.moving is None else self.moving.with_room(own)
 
 
 @dataclass(frozen=True, eq=False)

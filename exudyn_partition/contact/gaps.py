@@ -169,7 +169,7 @@ class Gaps:
         """Points of the rows as the sides are placed, normals there, (p, 3), and gaps of the rows, (nr,) [m]."""
         raise NotImplementedError
 
-    def fresh(self) -> Self:
+    def for_run(self) -> Self:
         """Return the same rows in their start state, for another run; constant data are shared."""
         result = copied(self)
         result.searches, result.yielding, result.within = 0, None, 0.0

@@ -209,7 +209,7 @@ class Law:
     """How forces on rows follow from where the rows are.
 
     One object serves one contact in one run. It may keep data that save time, but answers follow from `Places` alone:
-    solvers ask several times in a step, also at places that are given up, and a run that goes on has a fresh law. What
+    solvers ask several times in a step, also at places that are given up, and each run has a law of its own. What
     a row must remember is part of the answer, and comes back with the places of the next step.
 
     Attributes
@@ -263,10 +263,6 @@ class Law:
     def semi_axes(self, force: float) -> tuple[float, float] | None:
         """Semi-axes of the ellipse of contact under a force [N], the larger first [m]; None if rows tell them."""
         return None
-
-    def fresh(self, rows: RowDirections) -> Law:
-        """Return the law at the start of another run, for these rows."""
-        raise NotImplementedError(f"{type(self).__name__} has no fresh(rows), which returns the law for another run")
 
 
 class RowDirections(Protocol):

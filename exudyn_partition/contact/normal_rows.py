@@ -30,10 +30,6 @@ class NormalRows:
     def __init__(self, gaps: Gaps) -> None:
         self.gaps = gaps
 
-    def fresh(self, gaps: Gaps) -> NormalRows:
-        """Return the rows for another run; `gaps` are the same gaps in their start state."""
-        return NormalRows(gaps)
-
     def jacobian(self, index: Array) -> Rows:
         """Derivative of the gaps of some rows with respect to the coordinates, (na, n), for fixed pairs."""
         return self.gaps.jacobian(index)
@@ -144,7 +140,7 @@ class NormalRows:
         IndefiniteMatrixError
             If the flexibility of the rows is not positive definite.
         """
-        return self.gaps.stage.by_pairs("problem", self._problem).fresh()
+        return self.gaps.stage.by_pairs("problem", self._problem).without_guess()
 
     def _problem(self) -> Complementarity:
         return Complementarity(regularised(self.flexibility(np.arange(len(self.gaps.row_nodes)))))

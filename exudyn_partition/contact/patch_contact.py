@@ -108,9 +108,9 @@ class PatchContact:
                 "Take a basis with residual flexibility and formulation='compliance' for static runs, or press slowly "
                 "in a damped run"
             )
-        result, rows = copied(self), self.rows.fresh(self.gaps.fresh())
+        result, rows = copied(self), type(self.rows)(self.gaps.for_run())
         betas = None if method == "static" else self.parts.betas
-        result.parts = replace(self.parts, rows=rows, law=self.law.fresh(rows), betas=betas)
+        result.parts = replace(self.parts, rows=rows, law=self.formulation.law(rows), betas=betas)
         if self.zones is not None:
             result.parts = replace(result.parts, zones=self.zones.for_run(method))
         result._begin_run()
@@ -414,10 +414,10 @@ class PatchContact:
         """
         law, rows, n = self.law, self.rows, self.gaps.n
         if self.parts.betas is not None and not math.isinf(step):
-            gaps = self.gaps.fresh()
+            gaps = self.gaps.for_run()
             gaps.yield_by(shares([2 * beta for beta in self.parts.betas], step))
-            rows = self.rows.fresh(gaps)
-            law = law.fresh(rows)
+            rows = type(rows)(gaps)
+            law = self.formulation.law(rows)
         stiffness = law.closed_stiffness(rows)
         if stiffness is not None and np.shape(stiffness) != (n, n):
             raise InputError(

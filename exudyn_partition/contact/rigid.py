@@ -266,7 +266,7 @@ class RigidGaps(Gaps):
             H = start.by_pairs("rows", lambda: start.on_coordinates(self._start_q))
             linear_gaps = LinearGaps(H, gap, *no_drift, 0.0)
             self._start = Frozen(start.rows, start.normals, start.shares, linear_gaps, shared)
-        self._put_stage(self._start.again())
+        self._put_stage(self._start.for_run())
 
     def _entered(
         self, x: Array, outward: Array, q: Array, pose: Array, gap: Array, normals: Array
@@ -317,7 +317,7 @@ class RigidGaps(Gaps):
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
-        self._put_stage(self._start.again())
+        self._put_stage(self._start.for_run())
         self.at(self._start_q)  # sets the normals
 
     def at(self, q: Array) -> Array:

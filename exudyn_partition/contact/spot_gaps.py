@@ -446,7 +446,7 @@ class SpotGaps(Gaps):
 
     def _go_to_start(self) -> None:
         """See `Gaps`."""
-        self._go_to_stage(self._start.again(), self._start_q)
+        self._go_to_stage(self._start.for_run(), self._start_q)
         if self.carried:
             self.at(self._start_q)  # the carrier may be elsewhere
 

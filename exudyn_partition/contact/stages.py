@@ -180,7 +180,7 @@ class PresentRows:
         }
         return result
 
-    def again(self) -> Self:
+    def for_run(self) -> Self:
         """Return the same rows for another run, with the values known so far."""
         result = copied(self)
         result._at_anchors = self._at_anchors.copy()
@@ -268,12 +268,12 @@ class Stage:
         result.rows, result.shared, result._values = self.rows.yielding(), None, {}
         return result
 
-    def again(self) -> Stage:
+    def for_run(self) -> Stage:
         """Return the same stage for another run; a stage with frozen rows returns itself."""
         if not self.moving:
             return self
         result = copied(self)
-        result.rows, result._values = self.rows.again(), {}
+        result.rows, result._values = self.rows.for_run(), {}
         return result
 
     def once(self, what: Hashable, make: Callable[[], T]) -> T:

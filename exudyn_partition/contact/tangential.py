@@ -17,7 +17,6 @@ from ..fe.model import node_dofs
 from ..frames.kinematics import Rows
 from ..frames.rotations import total_moment
 from ..support.arrays import Array
-from ..support.attributes import copied
 from ..surfaces.loops import at_points
 from . import loops
 from .gaps import Gaps, GapState
@@ -60,13 +59,6 @@ class TangentialRows:
         self._places: list[Array] | None = None
         self._places_of: object = None
         self.forget_places()
-
-    def fresh(self, gaps: Gaps) -> TangentialRows:
-        """Return the tangents of these rows for another run; `gaps` are the same gaps in their start state."""
-        result = copied(self)
-        result.gaps = gaps
-        result.forget_places()
-        return result
 
     d = 3
 

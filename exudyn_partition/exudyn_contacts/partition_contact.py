@@ -264,7 +264,7 @@ class PartitionContact(Item[Any]):
 
     def _gap_of_surface(self, result: RunSamples) -> Callable[[int], float] | None:
         """Return a function of the sample: gap of the surface's lowest point [m]; None if it is not known."""
-        gaps = self.mechanics.gaps.fresh()
+        gaps = self.mechanics.gaps.for_run()
         if gaps.carried or (gaps.placement.pressed and result.method == "static"):  # load steps move the surfaces apart
             return None
         try:

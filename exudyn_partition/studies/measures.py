@@ -56,7 +56,7 @@ class Measures:
     def _at_peak(self, j: int, made: Histories) -> AtPeak:
         rows, lam = self._gaps[j], made.peaks.lam[self.rows[j]]
         if rows.moving:  # their normals are those of the peak; threads may work with others
-            rows = rows.fresh()
+            rows = rows.for_run()
             rows.at(made.peaks.q[j][self._coordinates[j]])
         return AtPeak(rows, lam if len(lam) == len(rows.row_nodes) else lam[rows.all_points.rows_of(rows.row_nodes)])
 

@@ -100,14 +100,14 @@ def test_rows_that_are_replaced_are_solved_anew(each_path):
     np.testing.assert_allclose(problem.solve(np.delete(h, 3)), Complementarity(fewer).solve(np.delete(h, 3)), rtol=1e-9)
 
 
-def test_a_fresh_problem_remembers_nothing():
+def test_a_problem_without_a_guess_remembers_nothing():
     """So that a run is the same whether another one came before it or not; gaps that are open leave none active."""
     problem, h = Complementarity(np.diag([1.0, 2.0, 3.0])), np.array([-1.0, 1.0, -1.0])
     problem.solve(h)
-    fresh = problem.fresh()
+    anew = problem.without_guess()
     assert problem.active.tolist() == [True, False, True]
-    assert not fresh.active.any()
-    assert fresh.iterations == fresh.index.size == 0
+    assert not anew.active.any()
+    assert anew.iterations == anew.index.size == 0
     problem.solve(abs(h))
     assert problem.index.size == 0
 

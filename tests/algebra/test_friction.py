@@ -200,10 +200,6 @@ def test_other_rows_go_on_from_their_guesses():
     other.replace(F, state, lam)
     np.testing.assert_allclose(other.solve(h, mu), lam, atol=1e-9 * lam.max())
     assert not other.iterations
-    fresh = problem.fresh()
-    assert fresh.F is problem.F
-    assert not fresh.index.size
-    assert problem.index.size
 
 
 def test_rows_that_are_redundant_share_their_force():

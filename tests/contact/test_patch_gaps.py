@@ -92,7 +92,7 @@ def test_the_flexibility_is_that_of_the_present_places(round_body, flat_body):
         if first is None or first[0] is not gaps.row_nodes:
             first = gaps.row_nodes, NormalRows(gaps).flexibility(some)
         found = NormalRows(gaps).flexibility(some)
-    fresh = gaps.fresh()
+    fresh = gaps.for_run()
     fresh.at(q)
     assert relative(first[1], found) > 0.02
     nodes = gaps.row_nodes[some]

@@ -54,7 +54,7 @@ def test_values_are_kept_as_long_as_their_anchor_and_their_rows_are_the_same(rou
 
     assert [value(one), value(same), value(other), value(one)] == [0, 0, 1, 2]
     assert [value(one, np.arange(3)), value(one, np.arange(3)), value(one, np.arange(4))] == [3, 3, 4]
-    again = rows.again()
+    again = rows.for_run()
     assert isinstance(again, PresentRows)
     assert [again.at_anchor("value", other, lambda: 7), value(one, np.arange(4))] == [7, 4]
 

@@ -96,7 +96,7 @@ def test_gaps_of_all_rows_need_no_evaluation_before(rim, face):
     for angle, x in ((0.0, 0.0), (0.8, -0.8 * R)):
         q = np.r_[turned(rim, angle, [x, -DEEP - 1e-6, 0]), np.zeros(face.n_dofs)]
         ways = [np.zeros((len(side.surface.points), 3)) for side in gaps.sides]
-        evaluated = gaps.fresh()
+        evaluated = gaps.for_run()
         evaluated.at(q)
         (nodes, gap), (known, right) = gaps.gaps_of_all(q, ways), evaluated.gaps_of_all(q, ways)
         assert gap.min() < -0.5 * DEEP
@@ -110,7 +110,7 @@ def test_gaps_go_on_from_a_state_where_they_slide_past_the_end_of_a_face(rim, fa
 
     Others found both at other places, so that other points were still followed past the end.
     """
-    gaps, states, found = WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face), kind).fresh(), [], []
+    gaps, states, found = WanderingGaps(floating(rim, (0, 1e-6, 0)), inertial(face), kind).for_run(), [], []
     way = np.linspace(0.0, 1.0, 80)
     path = [np.r_[turned(rim, 0.9 * s, [5e-3 * s, -DEEP - 1e-6, 3.1e-3 * s]), np.zeros(face.n_dofs)] for s in way]
     for q in path:
@@ -118,7 +118,7 @@ def test_gaps_go_on_from_a_state_where_they_slide_past_the_end_of_a_face(rim, fa
         gaps.accept(gaps.after())
         states.append(gaps.accepted)
     for k in range(3, 60, 7):
-        others = gaps.fresh()
+        others = gaps.for_run()
         others.begin(states[k])
         for q, (gap, nodes) in zip(path[k + 1 :], found[k + 1 :], strict=True):
             again = others.at(q)
@@ -137,11 +137,11 @@ def test_rows_that_slide_deep_in_a_thin_wall_stay_on_its_face(round_body, kind):
     fem = ep.fe_model(box(4e-3, 4e-3, t).Move(occ.gp_Vec(0, 0, -t)), ep.STEEL, maxh=0.7e-3)
     sheet = ep.reduce(fem, ep.Partition.surface(fem, ((-1, -1, -1), (1, 1, 1)), axes="xyz"), f_cut=20e3)
     side = floating(round_body, (0, 0, 0))
-    gaps = WanderingGaps(side, inertial(sheet), kind).fresh()
+    gaps = WanderingGaps(side, inertial(sheet), kind).for_run()
     for k in range(10):
         q = np.r_[moved(side, [39e-6 * k, 21e-6 * k, -0.15e-3]), np.zeros(sheet.n_dofs)]
         found, rows = gaps.at(q), gaps.row_nodes
-        other = gaps.fresh()
+        other = gaps.for_run()
         there = other.at(q)
         expected = dict(zip(other.row_nodes, there, strict=True))
         both = [i for i, row in enumerate(rows) if row in expected]
@@ -342,7 +342,7 @@ def test_rows_that_close_before_they_are_chosen_again_are_present(rim):
     plane = RigidPlane(np.array([0, R, 0]) - R * normal, normal)
     every, closed = Everywhere(side, plane), 0
     for angle in np.linspace(0, 0.5, 11):
-        near = WanderingRigidGaps(side, plane).fresh()
+        near = WanderingRigidGaps(side, plane).for_run()
         first = turned(rim, angle, np.zeros(3))
         near.at(turned(rim, angle, [0, R, 0]))
         near.at(first)
@@ -360,7 +360,7 @@ def test_a_carrier_that_turns_with_the_body_brings_no_row_nearer(rim):
     """Rows that are left out come nearer by the speed relative to what carries the plane, which is none."""
     spin, axis, side = np.array([0, 300.0, 0]), np.array([5e-3, 0, 2e-3]), floating(rim, (0, 1e-4, 0))
     motion = {"pose": lambda: (axis, np.eye(3)), "motion": lambda: (np.zeros(3), spin)}
-    gaps = WanderingRigidGaps(side, RigidPlane(normal=(0, 1, 0)), **motion).fresh()
+    gaps = WanderingRigidGaps(side, RigidPlane(normal=(0, 1, 0)), **motion).for_run()
     q, q_t = np.zeros(rim.n_dofs), np.zeros(rim.n_dofs)
     q_t[:3], q_t[3:6] = np.cross(spin, side.kinematics.frame(q)[0] - axis), spin
     gaps.at(q)
@@ -385,7 +385,7 @@ def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, c
         gaps = WanderingRigidGaps(side, plane) if kind == "a rigid plane" else WanderingGaps(side, inertial(face))
     reach = min(gaps.longest_reach, 0.5 * gaps.size)
     gaps.reach_to(reach)
-    run, seen, other = gaps.fresh(), 0, np.zeros(gaps.n - side.n)
+    run, seen, other = gaps.for_run(), 0, np.zeros(gaps.n - side.n)
     heights = reach * np.r_[np.linspace(2.0, -0.1, 20), np.linspace(-0.1, 0.9, 12)]
     with contextlib.nullcontext() if compiled else without_numba():
         for i, height in enumerate(heights):
@@ -405,7 +405,7 @@ def test_rows_within_reach_are_present(rim, face, flat_body, round_body, kind, c
 def test_rows_that_a_bulging_surface_may_close_are_present(rim, face, compiled):
     """Those whose gaps are below a quarter of the depth, wherever the disc is pressed while it slides and rolls."""
     side, other, seen = floating(rim, (0, 1e-6, 0)), np.zeros(face.n_dofs), 0
-    gaps, every = (WanderingGaps(side, inertial(face)).fresh() for _ in range(2))
+    gaps, every = (WanderingGaps(side, inertial(face)).for_run() for _ in range(2))
     with contextlib.nullcontext() if compiled else without_numba():
         for i in range(20):
             x = 0.1 * gaps.size * i - 0.3 * R

@@ -44,7 +44,7 @@ def overshoots(contact, result):
     """Depth to which each first touch closes the gap [m]."""
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
     touched = [first for first, _ in contact.closed_samples(result)]
-    gaps = contact.mechanics.gaps.fresh()
+    gaps = contact.mechanics.gaps.for_run()
     return np.array([-gaps.at(x).min() for x in q[touched]])
 
 

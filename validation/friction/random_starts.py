@@ -73,7 +73,7 @@ def starts(gap, places, F):
     failures, worst, steps, closed, resorts = [], 0.0, [], [], 0
     for number in range(STARTS):
         h, mu = random_start(rng, gap, places), np.full(nr, rng.uniform(0, 1))
-        problem = problem.fresh()
+        problem = FrictionProblem(F)
         if number % 2:
             force = rng.exponential(size=(nr, 1)) * gap.max() / F[0, 0]
             guess = np.column_stack([force, mu[:, None] * force * rng.uniform(-1, 1, (nr, 2))])
@@ -117,8 +117,9 @@ def path(gap, places, F, count, mu=0.3):
         closed.append(len(problem.index))
         worst = max(worst, violation(F, h, mu, lam))
         if closed[-1] > top:
-            top, begin = closed[-1], time.thread_time()
-            problem.fresh().solve(h, mu)
+            top, anew = closed[-1], FrictionProblem(F)
+            begin = time.thread_time()
+            anew.solve(h, mu)
             cold = time.thread_time() - begin
         place = place + h[:, 1:] + (F @ lam.ravel()).reshape(-1, 3)[:, 1:]
     busy = np.array(times)[np.array(closed) > 0]

@@ -183,7 +183,7 @@ def complementarity(run):
     """
     worst = 0.0
     for contact in run.contacts:
-        gaps, result = contact.mechanics.gaps.fresh(), run.result
+        gaps, result = contact.mechanics.gaps.for_run(), run.result
         q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
         forces, total = contact.row_forces(result), contact.force(result)
         closed = np.flatnonzero(total > 1e-3 * total.max())
@@ -207,7 +207,7 @@ def penetration(run):
     """Deepest gap of rows at the stored coordinates [m]."""
     contact = run.contacts[0]
     q = np.hstack([item.coordinates(run.result) for item, _ in contact.sides])
-    gaps = contact.mechanics.gaps.fresh()
+    gaps = contact.mechanics.gaps.for_run()
     return float(max(-gaps.at(x).min(initial=0.0) for x in q))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from typing import Literal, get_args
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,6 +14,7 @@ from ...algebra.sparse.skin_flexibility import largest_value
 from ...errors import InputError
 from ...reduction.body import ReducedBody
 from ...support.checks import validate_positive
+from ...support.once import once
 from ...support.plugins import added_choice
 from ..gaps import Gaps
 from ..law import Law, RowDirections
@@ -37,7 +37,6 @@ NAMES: tuple[FormulationName, ...] = get_args(FormulationName)
 
 _COUPLED = 1e-4  # residual flexibility between two patches, relative to their own; below it, contacts are not coupled
 _MOVED = 1e-9  # the same for accelerations that multipliers of one contact cause in rows of another
-_SIZES: WeakKeyDictionary[ReducedBody, dict[tuple[int, int], float]] = WeakKeyDictionary()  # see `_size`
 _STIFFEST = 1e6  # times the default penalty; explicit steps are then a thousandth of those with the default
 
 
@@ -233,14 +232,13 @@ def _coupling(shared: SharedBody) -> float:
     return _size(body, patch, neighbour) / math.sqrt(size * neighbour_size)
 
 
+@once
 def _size(body: ReducedBody, patch: int, neighbour: int) -> float:
-    """Largest singular value of the residual flexibility between two patches [m/N]; computed once for a body."""
-    sizes = _SIZES.setdefault(body, {})
-    if (patch, neighbour) not in sizes:
-        sizes[patch, neighbour] = largest_value(body.flexibility(patch, neighbour))
-    return sizes[patch, neighbour]
+    """Largest singular value of the residual flexibility between two patches [m/N]."""
+    return largest_value(body.flexibility(patch, neighbour))
 
 
+@once
 def _highest_frequency(body: ReducedBody) -> float:
     """Highest circular frequency of a reduced body [rad/s]."""
     scale = sp.diags(1 / np.sqrt(body.mass.diagonal()))

@@ -81,10 +81,6 @@ class NormalCompliance(Law):
         self._closed = none, none  # nodes of the rows at the last answer with rows that moved, and which were closed
         self._set_up_problem()
 
-    def fresh(self, rows: RowDirections) -> NormalCompliance:
-        """See `Law`."""
-        return NormalCompliance(rows.gaps)
-
     def _set_up_problem(self) -> None:
         """Set up the problem for the rows that are frozen now."""
         self._everything = np.arange(len(self.gaps.row_nodes))
@@ -226,10 +222,6 @@ class FrictionalCompliance(Law):
 
     def __init__(self, rows: RowDirections) -> None:
         self.rows, self.closing = rows, ClosingRows(rows)
-
-    def fresh(self, rows: RowDirections) -> FrictionalCompliance:
-        """See `Law`."""
-        return FrictionalCompliance(rows)
 
     def answer(self, places: Places) -> Forces:
         """See `Law`."""

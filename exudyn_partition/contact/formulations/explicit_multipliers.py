@@ -20,7 +20,7 @@ from ...algebra.row_problem import RowProblem
 from ...errors import RunError
 from ...frames.kinematics import Rows
 from ...support.arrays import Array, consecutive
-from ..law import Forces, Law, Places, RowDirections
+from ..law import Forces, Law, Places
 from ..memory import RowMemory, on_rows
 from ..patch_contact import PatchContact
 from ..row_forces import RowForces, friction_before, no_forces, no_memory, with_forces
@@ -62,10 +62,6 @@ class Multipliers(Law):
         else:
             forces = places.problem.solve(np.column_stack([places.gap, places.way]), places.mu)
         return Forces(forces, places.problem.index, places.problem.state)
-
-    def fresh(self, rows: RowDirections) -> Multipliers:
-        """See `Law`."""
-        return Multipliers()
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,10 +166,6 @@ class HertzPoint(Law):
         self.rows, self.gaps = rows, rows.gaps
         self._known: tuple[tuple[float, PointContact, float], HertzCurve] | None = None
 
-    def fresh(self, rows: RowDirections) -> Law:
-        """See `Law`."""
-        return HertzPoint(rows)
-
     def curve(self, share: float) -> HertzCurve:
         """Force by approach at the present spots, of a share of the contact."""
         series = float(self.rows.flexibility(np.zeros(1, dtype=np.int64))[0, 0]) + self.gaps.spot_rows.lacking[0]

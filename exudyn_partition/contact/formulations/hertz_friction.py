@@ -500,10 +500,6 @@ class HertzFriction(Law):
         self._known: tuple[Array, PointContact, float, HertzCurve] | None = None
         self._springs: tuple[PointContact, Springs] | None = None
 
-    def fresh(self, rows: RowDirections) -> Law:
-        """See `Law`."""
-        return HertzFriction(rows)
-
     def _curve(self, share: float) -> tuple[HertzCurve, Array, Springs]:
         """Force by approach of a share of the contact, flexibility without that of the point, (3, 3) [m/N], springs."""
         F, lacking = self.rows.flexibility(_ONE), self.gaps.spot_rows.lacking

@@ -45,10 +45,6 @@ class PenaltyLayer(Law):
     def __init__(self, rows: RowDirections, layer: float) -> None:
         self.rows, self.layer = rows, layer
 
-    def fresh(self, rows: RowDirections) -> PenaltyLayer:
-        """See `Law`."""
-        return PenaltyLayer(rows, self.layer)
-
     @property
     def _area(self) -> Array:
         value: Array = self.rows.gaps.area

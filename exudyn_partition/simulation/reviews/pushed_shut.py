@@ -94,7 +94,7 @@ def _depth_without_row(
     """
     contact = history.contact
     q = np.concatenate([run.body(item).q[sample] for item, _ in contact.sides])
-    gaps = contact.mechanics.gaps.fresh()
+    gaps = contact.mechanics.gaps.for_run()
     assert isinstance(gaps, PatchGaps)
     gaps.grow(growing_at(contact.sides, run.result)(sample))
     if gaps.may_freeze:

@@ -110,7 +110,7 @@ def test_rows_within_reach_are_present(marble, flat_body, frame):
     force = contact.force(result)
     assert force.min() < -0.05
     q = np.hstack([item.coordinates(result) for item in items])
-    gaps = contact.mechanics.gaps.fresh()
+    gaps = contact.mechanics.gaps.for_run()
     for sample in range(0, len(q), 25):
         rows, _ = gaps.project(*gaps.sides.places(q[sample]))
         right = -(rows.points.area @ traction(rows.gap))
@@ -132,7 +132,7 @@ def test_steps_become_short_where_forces_begin(marble):
 def test_time_to_contact_is_that_until_forces_begin(marble):
     _, (item,), contact = fall(marble)
     q, q_t = np.zeros(item.body.n_dofs), item.body.rigid[:, :3] @ [0, 0, -0.1]
-    gap = contact.mechanics.gaps.fresh().at(q).min()
+    gap = contact.mechanics.gaps.for_run().at(q).min()
     assert ep.time_to_contact(contact, q, q_t) == pytest.approx((gap - REACH) / 0.1, rel=1e-6)
 
 
@@ -173,9 +173,6 @@ def test_energy_that_jumps_where_forces_begin_is_named(round_body, flat_body):
 
     class Short(Attraction):
         reach = 0.0
-
-        def fresh(self, rows):
-            return Short(rows)
 
     class Shorts(Attractions):
         def law(self, rows):

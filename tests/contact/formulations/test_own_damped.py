@@ -37,9 +37,6 @@ def made_by(law):
 class Undamped(HuntCrossley):
     """The spring alone."""
 
-    def fresh(self, rows):
-        return Undamped()
-
     def answer(self, places):
         depth = np.maximum(-places.gap, 0.0)
         lam, stored = K * depth**1.5, 0.4 * K * np.sum(depth**2.5)
@@ -66,7 +63,7 @@ def drop(body, method="explicit", frame="inertial", formulation=None, speed=-SPE
 
 def rebound(contact, item, result):
     """Speed after the impact of a rigid ball with the same rows [m/s]."""
-    gap = contact.mechanics.gaps.fresh().at(item.coordinates(result)[0])
+    gap = contact.mechanics.gaps.for_run().at(item.coordinates(result)[0])
 
     def motion(t, state):
         depth = np.maximum(-(gap + state[0]), 0.0)
@@ -138,9 +135,6 @@ def test_rates_are_those_of_gaps_and_ways(round_body, flat_body, friction):
     sides, asked = (inertial(round_body), inertial(flat_body)), []
 
     class Asking(HuntCrossley):
-        def fresh(self, rows):
-            return self
-
         def answer(self, places):
             asked.append((places.gap, places.way, places.rates))
             return Forces(
@@ -249,9 +243,6 @@ def test_a_stiffness_of_all_rows_is_named(round_body, flat_body):
 
 def test_a_loss_that_the_law_does_not_tell_names_the_law(marble):
     class Silent(HuntCrossley):
-        def fresh(self, rows):
-            return Silent()
-
         def answer(self, places):
             whole = super().answer(places)
             return Forces(whole.on_rows, whole.closed, stored=whole.stored)
@@ -263,9 +254,6 @@ def test_a_loss_that_the_law_does_not_tell_names_the_law(marble):
 
 def test_an_error_in_a_law_is_told_with_its_line(marble):
     class Wrong(HuntCrossley):
-        def fresh(self, rows):
-            return Wrong()
-
         def answer(self, places):
             return places.nothing
 

@@ -36,7 +36,7 @@ def test_springs_on_rows_conserve_and_are_springs(bodies, method, frame):
     force = contact.force(result)
     assert force.max() > 100
     # What each row's force is, by the coordinates alone.
-    gaps = contact.mechanics.gaps.fresh()
+    gaps = contact.mechanics.gaps.for_run()
     q = np.hstack([item.coordinates(result) for item, _ in contact.sides])
     depths = [np.maximum(-gaps.at(x), 0.0) for x in q]
     np.testing.assert_allclose(force, [STIFFNESS * depth.sum() for depth in depths], rtol=1e-6, atol=1e-6 * force.max())
@@ -115,9 +115,6 @@ class PerArea(page["Spring"]):
         super().__init__(rows)
         self.rows = rows
 
-    def fresh(self, rows):
-        return PerArea(rows)
-
     def answer(self, places):
         lam = 1e12 * self.rows.gaps.area * np.maximum(-places.gap, 0.0)
         return Forces(lam[:, None], np.flatnonzero(lam))
@@ -147,9 +144,6 @@ class Dashpot(page["Spring"]):
     """A spring whose force also depends on the velocities: it has no potential."""
 
     elastic = False
-
-    def fresh(self, rows):
-        return Dashpot(rows)
 
     def answer(self, places):
         found = super().answer(places)
