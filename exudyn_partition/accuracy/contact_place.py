@@ -27,6 +27,7 @@ _NEAR = 2e-2  # farthest that a surface may lie from the point of contact, by th
 _DIRECTIONS = 12  # on a circle
 _SMOOTH = 0.2  # a smooth surface divides a small cube into halves, to this share
 _FACES = -0.98  # cosine between the normals of the two bodies, at most
+_ROUND = 1.1  # ratio of semi-axes, up to which a contact counts as round
 _SLENDER = 200.0  # ratio of relative curvatures beyond which a contact is a line
 _ROUNDS = 6  # of circles that become as large as the contact
 _LARGEST = 0.25  # radius of the contact, by the smallest side of the bodies
@@ -73,6 +74,14 @@ class ContactPlace:
         low, high = self.curvatures
         stretch = math.sqrt(max(1.0, 1.0339 * (high / low) ** 0.636))
         return circle * stretch, circle / stretch
+
+    def region(self, circle: float, factor: float, more: float = 0.0) -> tuple[float, Array | None]:
+        """Shorter semi-axis [m] and longer one, (3,) [m], of a region as long and wide as the contact by a factor.
+
+        Contacts that are nearly round get a ball.
+        """
+        long, short = (factor * x + more for x in self.semi_axes(circle))
+        return (short, long * self.along) if long > _ROUND * short else (long, None)
 
 
 def contact_place(

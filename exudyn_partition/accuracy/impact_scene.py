@@ -23,7 +23,6 @@ from .mesh_rules import GRADING, REACH, REFINED, Sizes
 Model = tuple[FEModel, Partition]
 
 _CURVED = 2  # order of curved sides: on coarse meshes, cubic ones turn elements inside out
-_ROUND = 1.1  # ratio of semi-axes, up to which a contact counts as round
 _TOP = 8.08  # least f_top, by the frequency of longitudinal waves in the smaller body
 
 
@@ -51,7 +50,7 @@ class Scene:
 
     def mesh(self, i: int, sizes: Sizes, circle: float) -> NGSolveMesh:
         """Mesh of a body."""
-        radius, long_axis = self.reach(circle, REFINED)
+        radius, long_axis = self.place.region(circle, REFINED)
         fine = Refine(self.place.points[i], radius, sizes.near, long_axis=long_axis)
         regions = [fine] if sizes.near < sizes.far else []
         with ONE_AT_A_TIME:
@@ -67,16 +66,8 @@ class Scene:
         """FE model of a body and its partition."""
         fem = fe_model(mesh, self.materials[i], order=sizes.order)
         line = self.place.normal if i == 0 else -self.place.normal
-        radius, long_axis = self.reach(circle, REACH[i], sizes.near / 2)
+        radius, long_axis = self.place.region(circle, REACH[i], sizes.near / 2)
         return fem, Partition.ball(fem, self.place.points[i], radius, long_axis=long_axis, direction=line)
-
-    def reach(self, circle: float, factor: float, more: float = 0.0) -> tuple[float, Array | None]:
-        """Shorter semi-axis [m] and longer one, (3,) [m], of a region as long and wide as the contact by a factor.
-
-        Contacts that are nearly round get a ball.
-        """
-        long, short = (factor * x + more for x in self.place.semi_axes(circle))
-        return (short, long * self.place.along) if long > _ROUND * short else (long, None)
 
 
 def first_circle(shapes: Sequence[Shape], materials: Sequence[Material], speed: float, radius: float) -> float:

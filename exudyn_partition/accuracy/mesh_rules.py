@@ -36,7 +36,7 @@ REFINED = 1.2  # semi-axes of the refined region, by those of the contact
 REACH = (1.5, 2.0)  # those of the patches of the first and of the second body; half an element is added
 
 _OF_A_WAVE, _OF_A_SHEAR_WAVE = 4, 2.7  # elements
-_QUADRATIC, _QUADRATIC_FAR = 0.62, 0.65  # sizes of quadratic elements, at the contact and far, by those of cubic ones
+QUADRATIC, _QUADRATIC_FAR = 0.62, 0.65  # sizes of quadratic elements, at the contact and far, by those of cubic ones
 _LOCAL, _FIRST_LOCAL = 0.72, 1.0  # elements at the contact, by its shorter semi-axis; on the first mesh
 _LONG_POWER, _LONG_MOST = 0.4, 1.45  # of the ratio of semi-axes, which these sizes follow up to a factor
 _LARGEST = 1.5  # of them at the contact: larger ones have no useful estimate
@@ -89,7 +89,7 @@ class Sizes:
         """Quadratic elements of about the same error; None in thin walls, whose parabolic shear they cannot hold."""
         if self.thin:
             return None
-        return replace(self, order=2, far=_QUADRATIC_FAR * self.far, near=_QUADRATIC * self.near)
+        return replace(self, order=2, far=_QUADRATIC_FAR * self.far, near=QUADRATIC * self.near)
 
     def finer(self, far: float | None, near: float | None) -> Sizes:
         """Smaller elements, by the ratios of allowed and estimated errors, far and near; None leaves a size."""
@@ -163,10 +163,16 @@ def sizes_by_rule(
     else:
         far = min(shear / _OF_A_SHEAR_WAVE * far_factor, float(sides.min()) / _ACROSS)
         why = f"shear waves of {1e3 * shear:.3g} mm at {1e-3 * frequency:.3g} kHz; or the shortest side over {_ACROSS}"
-    local = min(_LOCAL * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER, _LARGEST) * _size_at(*semi_axes)
-    if slave:
-        local *= _SLAVE * (_SLAVE_CORRECTED if corrected else 1.0)
-    return Sizes(3, min(far, float(sides.max()) / _FEWEST), local, why, thin=thin)
+    near = near_size(semi_axes, tolerance, slave=slave)
+    if slave and corrected:
+        near *= _SLAVE_CORRECTED
+    return Sizes(3, min(far, float(sides.max()) / _FEWEST), near, why, thin=thin)
+
+
+def near_size(semi_axes: tuple[float, float], tolerance: float, *, slave: bool) -> float:
+    """Cubic elements at a contact [m]; quadratic ones are smaller by `QUADRATIC`. See `sizes_by_rule`."""
+    share = min(_LOCAL * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER, _LARGEST)
+    return share * _size_at(*semi_axes) * (_SLAVE if slave else 1.0)
 
 
 def bending_wavelength(frequency: float, thickness: float, material: Material) -> float:

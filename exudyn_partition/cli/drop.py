@@ -9,7 +9,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ..accuracy.landing import landing
 from ..errors import CallError
 from ..fe.material import STEEL
 from ..fe.model import FEModel
@@ -76,14 +78,16 @@ def drop(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
     with filling(out, ""):  # before the work: nothing is written yet
         pass
     maxh = first_size(*measured(shape)) if options.maxh is None else options.maxh
+    speed, turn = math.sqrt(2 * _G * options.drop), _TILT if options.turn is None else options.turn
     fem = fe_model(shape, options.material[0] if options.material else STEEL, maxh=maxh)
+    fine = landing(shape, fem, Rotation.from_euler("xyz", turn, degrees=True).as_matrix()[2], speed)
+    if fine is not None and fine.h < maxh:
+        fem = fe_model(shape, fem.material, maxh=maxh, refine=[fine])
     fem_s = time.perf_counter() - begin
     diagonal = float(np.linalg.norm(np.ptp(fem.points, axis=0)))
     f_cut = default_f_cut(fem, diagonal) if options.f_cut is None else options.f_cut
     body = reduce(fem, skin=True, f_cut=f_cut)
-    speed = math.sqrt(2 * _G * options.drop)
     duration = _WAY * diagonal / speed if options.duration is None else options.duration
-    turn = _TILT if options.turn is None else options.turn
     with filling(out, _PAGE) as folder:
         file = f"{source.stem}.npz"
         body.save(folder / file)
@@ -110,6 +114,7 @@ def drop(options: argparse.Namespace) -> tuple[int, dict[str, object]]:
         "force": str(out / _FORCE),
         "material": "steel, for none was given" if not options.material else _named(fem),
         "maxh_m": maxh,
+        "maxh_at_landing_m": maxh if fine is None else min(fine.h, maxh),
         "fe_dofs": fem.n_dofs,
         "skin_nodes": len(body.partition.patch_nodes),
         "f_cut_Hz": f_cut,

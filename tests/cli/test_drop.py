@@ -95,3 +95,15 @@ def test_elements_are_as_large_as_walls_ask(part):
     cube = thick * np.sqrt(3)
     assert first_size(cube, thick**3, 6 * thick**2) == pytest.approx(cube / 12)
     assert first_size(cube, 1e-3 * thick**3, 6 * thick**2) == pytest.approx(cube / 60)
+
+
+def test_the_mesh_is_fine_where_a_round_part_lands(tmp_path, capsys):
+    """By Hertz, of a ball that is turned somehow; elements of its first mesh are ten times the contact."""
+    source, radius = tmp_path / "ball.step", 5e-3
+    occ.Sphere(occ.Pnt(1, 2, 3), 1e3 * radius).WriteStep(str(source))
+    options = ["--maxh", "3e-3", "--duration", "60e-6", "--turn", "20,35,10", "-o", tmp_path / "out"]
+    _, found, _ = call(capsys, "impact", source, *DROP, *options)
+    right = ep.hertz.impact(found["mass_kg"], found["speed_m_s"], radius, np.inf, ep.STEEL)
+    assert found["maxh_at_landing_m"] < right.contact_radius < 0.1 * found["maxh_m"]
+    assert found["peak_force_N"] == pytest.approx(right.peak_force, rel=0.04)
+    assert found["impulse_N_s"] == pytest.approx(2 * found["mass_kg"] * found["speed_m_s"], rel=0.02)
