@@ -15,7 +15,6 @@ from ..meshing.mesh_size import Refine
 from ..meshing.netgen_mesh import ONE_AT_A_TIME, in_metres, meshed, volume_of
 from ..meshing.ngsolve_fem import fe_model
 from ..prediction.hertz import effective, impact
-from ..support.arrays import Array
 from ..support.foreign import NGSolveMesh, Shape
 from .contact_place import ContactPlace
 from .mesh_rules import GRADING, REACH, REFINED, Sizes
