@@ -171,7 +171,7 @@ def sizes_by_rule(
 
 def near_size(semi_axes: tuple[float, float], tolerance: float, *, slave: bool) -> float:
     """Cubic elements at a contact [m]; quadratic ones are smaller by `QUADRATIC`. See `sizes_by_rule`."""
-    share = min(_LOCAL * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER, _LARGEST)
+    share: float = min(_LOCAL * (tolerance / _NEAR_TOLERANCE) ** _NEAR_POWER, _LARGEST)
     return share * _size_at(*semi_axes) * (_SLAVE if slave else 1.0)
 
 
