@@ -25,6 +25,8 @@ from .plasticity.zone_motion import ZoneMotion
 if TYPE_CHECKING:
     from ..frames.node_kernels import FlatNodes
 
+_FEW = 0.25  # share of forces up to which reading their rows of a matrix alone is faster
+
 
 @dataclass(frozen=True, eq=False)
 class Side:
@@ -143,9 +145,16 @@ class Side:
         It is zero if they move none outwards. The forces press. The coordinates are q, (n,).
         """
         if self.normal_only:
-            return -float((self.flexibility @ np.sqrt(np.einsum("id,id->i", forces, forces))).min(initial=0.0))
-        moved = self.flexibility @ self.kinematics.in_frame(q, forces).ravel()
+            return -float(self._moved(np.sqrt(np.einsum("id,id->i", forces, forces))).min(initial=0.0))
+        moved = self._moved(self.kinematics.in_frame(q, forces).ravel())
         return float(np.einsum("id,id->i", moved.reshape(-1, 3), self._outward_in_frame).max(initial=0.0))
+
+    def _moved(self, forces: Array) -> Array:
+        """Product of the flexibility and forces, (n,), of which few are mostly not zero."""
+        some = np.flatnonzero(forces)
+        if not isinstance(self.flexibility, np.ndarray) or len(some) > _FEW * len(forces):
+            return np.asarray(self.flexibility @ forces)
+        return np.asarray(forces[some] @ self.flexibility[some])
 
     @cached_property
     def _outward_in_frame(self) -> Array:
