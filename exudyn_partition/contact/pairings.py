@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -105,10 +105,14 @@ class Pairing:
 
 
 def points_of(side: Side, kind: RowKind) -> ContactPoints:
-    """All contact points of a side, which are computed once for a body: they do not depend on its place."""
-    kept, key = _POINTS.setdefault(side.kinematics.body, {}), _key_of_points(side, kind)
+    """All contact points of a side, which are computed once for a body: they do not depend on its place.
+
+    They are those of its mesh. By places in space, they would differ in rounding from one first placement to another.
+    """
+    body = side.kinematics.body
+    kept, key = _POINTS.setdefault(body, {}), _key_of_points(side, kind)
     if key not in kept:
-        kept[key] = contact_points(side.surface, kind)
+        kept[key] = contact_points(replace(side.surface, points=side.kinematics.arms + body.centre_of_mass), kind)
     return kept[key]
 
 

@@ -118,3 +118,15 @@ def test_contacts_on_planes_share_what_follows_from_their_rows(round_body):
     del slave, one, other, late
     gc.collect()
     assert gone() is None
+
+
+@pytest.mark.parametrize("frame", [inertial, floating])
+def test_a_contact_does_not_depend_on_where_its_body_was_placed_before(round_body, frame):
+    """To the last bit: plastic flow makes a millionth of what rounding changes."""
+    body, plane = copy_of(round_body), RigidPlane((0, 0, -1.0), (0, 0, 1))
+    anew = RigidGaps(frame(copy_of(round_body), (0, 0, 1e-4)), plane)
+    RigidGaps(frame(body, (0.123, 0.456, 0.1)), plane)
+    again = RigidGaps(frame(body, (0, 0, 1e-4)), plane)
+    np.testing.assert_array_equal(again.area, anew.area)
+    np.testing.assert_array_equal(again.placement.approach, anew.placement.approach)
+    np.testing.assert_array_equal(again.at(np.zeros(again.n)), anew.at(np.zeros(anew.n)))
