@@ -23,6 +23,7 @@ from ..support.foreign import MainSolver, MainSystem
 from ..support.optional import require
 from ..support.warn import warn
 from .hooks import silence
+from .mode_limits import pressed_bodies, warn_of_turns
 from .result import called
 
 _SPIN = 0.01  # rate of rotation by a frequency above which this changes noticeably
@@ -67,7 +68,9 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
     Warns
     -----
     ModelLimitWarning
-        If a body turns in the initial state, at more than a hundredth of an elastic frequency.
+        If a body turns in the initial state, at more than a hundredth of an elastic frequency. If a motion is unstable
+        with a contact by rows, which a round body has where it would roll. If forces of contacts act on turns of a body
+        in an inertial frame, so that frequencies of these are wrong by more than 5 %.
     """
     validate_model(mbs)
     validate_flag("slipping", slipping)
@@ -95,6 +98,7 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
         try:
             solver.InitializeSolver(mbs, settings)
             M, K, allowed = linearised(mbs, solver)
+            pressed = [*pressed_bodies(mbs, runs.now(mbs), contacts)]
             K += allowed.T @ stiffness_of_turning_rows(mbs, runs.now(mbs)) @ allowed
             solver.FinalizeSolver(mbs, settings)
         finally:
@@ -106,8 +110,10 @@ def natural_modes(mbs: MainSystem, *, slipping: bool = False) -> tuple[Array, Ar
     except scipy.linalg.LinAlgError as error:
         raise RunError("mbs: coordinates have no mass, so that natural_modes finds no frequencies") from error
     frequencies = np.sign(squares) * np.sqrt(abs(squares)) / (2 * np.pi)
+    modes = allowed @ modes
     _warn_of_spin(mbs, frequencies)
-    return frequencies, allowed @ modes
+    warn_of_turns(pressed, frequencies, modes)
+    return frequencies, modes
 
 
 def _warn_of_spin(mbs: MainSystem, frequencies: Array) -> None:

@@ -234,3 +234,44 @@ def test_modes_do_not_depend_on_how_a_scene_is_turned(flat_block, friction):
     highest = found[0].max()
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-6, atol=1e-6 * highest)
     assert np.count_nonzero(abs(found[0]) < 1e-6 * highest) == (3 if friction is None else 0)
+
+
+def resting(mbs, body, place, surface, **options):
+    """Frequencies of a body that rests on a surface."""
+    item = ep.CreatePartitionBody(mbs, body, name="body", gravity=[0, 0, -GRAVITY], **place)
+    ep.CreatePartitionContact(mbs, item, surface, name="floor", **options)
+    mbs.Assemble()
+    ep.settle(mbs)
+    return ep.natural_modes(mbs)[0]
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
+@pytest.mark.filterwarnings("ignore:contact 'floor' at t = .* rows is closed", "ignore:settle. .* does not quite rest")
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_a_ball_on_one_row_falls_over_like_a_pencil_and_says_so(mbs, marble, friction):
+    """By hand: the weight on the lowest node; the foot of the pencil is free to slide, or held by friction."""
+    with pytest.warns(ModelLimitWarning, match="contact 'floor': a motion is unstable.*Take formulation='hertz'"):
+        found = resting(mbs, marble, {"frame": "floating"}, ep.RigidPlane((0, 0, -RADIUS)), friction=friction)
+    right = -np.sqrt(GRAVITY / RADIUS / (0.4 + (friction is not None))) / (2 * np.pi)
+    np.testing.assert_allclose(found[:2], right, rtol=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::exudyn_partition.errors.YieldWarning")
+@pytest.mark.filterwarnings("ignore:contact 'floor' at t = .* rows is closed", "ignore:settle. .* does not quite rest")
+@pytest.mark.parametrize("friction", [None, 0.5])
+@pytest.mark.parametrize("formulation", ["hertz", "compliance"])
+def test_a_ball_in_an_inertial_frame_says_that_it_does_not_roll(mbs, marble, friction, formulation):
+    """The bodies of `test_a_ball_swings_in_a_bore_and_falls_off_a_roller`, whose modes another frame gets wrong."""
+    bore = ep.RigidCylinder((0, 0, BORE - RADIUS), (0, 1, 0), BORE, hollow=True)
+    with pytest.warns(ModelLimitWarning, match=r"body 'body' has an inertial frame.*'floor'.*Take frame='floating'"):
+        resting(mbs, marble, {}, bore, friction=friction, formulation=formulation)
+
+
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_a_block_has_the_same_modes_in_both_frames(flat_block, friction):
+    """It is pressed on its whole face, so that large turns do not matter; warnings would be errors here."""
+    found = []
+    for frame in ("inertial", "floating"):
+        mbs = exu.SystemContainer().AddSystem()
+        found.append(resting(mbs, flat_block, {"frame": frame}, ep.RigidPlane(), friction=friction))
+    np.testing.assert_allclose(found[0], found[1], rtol=2e-3, atol=1e-4 * found[1].max())
